@@ -1,0 +1,16 @@
+"""The effects: every physics other than pressure, one file each, one contract (``sim.effects.effect.Effect``)."""
+from sim.effects.cohesion import Cohesion
+from sim.effects.curvature import Curvature
+from sim.effects.diffusion import Diffusion
+from sim.effects.effect import Effect
+from sim.effects.gravity import Gravity
+from sim.effects.injection import Injection
+from sim.effects.interface_tension import InterfaceTension
+from sim.effects.viscosity import Viscosity
+from sim.effects.viscosity_implicit import ViscosityImplicit
+
+# In the order in which the solver calls them.
+REGISTRY: dict[str, type[Effect]] = {
+    effect.name: effect
+    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Diffusion)
+}

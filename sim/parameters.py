@@ -1,0 +1,38 @@
+"""Parameters of effects and numerics: frozen dataclasses whose fields carry unit, range and meaning.
+
+The metadata is the single source for validation (``pipeline.scene``), the JSON schema and the documentation.
+"""
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+
+def parameter(
+    default: Any = dataclasses.MISSING,
+    *,
+    meaning: str,
+    unit: str = "",
+    minimum: float | None = None,
+    maximum: float | None = None,
+    exclusive_minimum: float | None = None,
+    choices: Sequence[str] | None = None,
+    liquid: bool = False,
+):
+    """Declare one parameter of an effect or of the numerics.
+
+    Parameters
+    ----------
+    default : value in SI, optional; without one the parameter is required in the scene file.
+    meaning : one phrase in physics words, shown by the documentation and by error messages.
+    unit : SI unit in pint's spelling ("m", "Pa s", "N/m", "deg"); "" for a pure number.
+    minimum, maximum, exclusive_minimum : allowed range in that unit (of every component of a point).
+    choices : the allowed words, for a parameter that is a word.
+    liquid : True where the value names one of the scene's liquids.
+    """
+    metadata = {
+        "meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum,
+        "exclusive_minimum": exclusive_minimum, "choices": tuple(choices) if choices else None, "liquid": liquid,
+    }
+    if isinstance(default, (list, dict)):
+        raise TypeError("a parameter's default must be immutable")
+    return dataclasses.field(default=default, metadata=metadata)

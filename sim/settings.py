@@ -1,0 +1,53 @@
+"""The validated scene as the solver sees it: frozen, SI, without paths."""
+import dataclasses
+
+from sim.parameters import parameter
+
+
+@dataclasses.dataclass(frozen=True)
+class Liquid:
+    """One liquid; its place in ``Settings.liquids`` is its phase index."""
+
+    name: str = parameter(meaning="name of the liquid")
+    density: float = parameter(unit="kg/m**3", exclusive_minimum=0.0, maximum=20000.0, meaning="rest density")
+    dynamic_viscosity: float = parameter(unit="Pa*s", minimum=0.0, maximum=100.0, meaning="dynamic viscosity")
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How the equations are solved; the accuracy levels are named sets of these."""
+
+    particle_spacing: float = parameter(unit="m", exclusive_minimum=0.0, meaning="mean distance between particles")
+    scheme: str = parameter("volume_incompressible", choices=("volume_incompressible",),
+                            meaning="pressure solve and time integration")
+    support_ratio: float = parameter(2.5, minimum=2.0, maximum=4.0,
+                                     meaning="support radius of the kernel in particle spacings")
+    precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
+    pressure_tolerance: float = parameter(
+        1e-4, minimum=1e-8, maximum=1e-1,
+        meaning="mean residual of the divergence solve, relative to the largest displacement per step over dx")
+    viscosity_tolerance: float = parameter(1e-4, minimum=1e-10, maximum=1e-1,
+                                           meaning="relative residual of the implicit viscosity solve")
+    maximum_iterations: int = parameter(200, minimum=1, maximum=10000, meaning="limit of iterations of every solve")
+    courant_number: float = parameter(0.3, exclusive_minimum=0.0, maximum=1.0,
+                                      meaning="largest displacement per step in particle spacings")
+    maximum_time_step: float = parameter(2e-3, unit="s", exclusive_minimum=0.0, meaning="largest time step")
+    minimum_time_step: float = parameter(1e-7, unit="s", exclusive_minimum=0.0,
+                                         meaning="the run stops with a diagnosis below this time step")
+    wall_layers: int = parameter(3, minimum=2, maximum=4, meaning="layers of wall particles")
+    threads: int = parameter(0, minimum=0, maximum=256, meaning="threads of the solver; 0 uses every core")
+    seed: int = parameter(0, minimum=0, meaning="seed of every random choice (seed points of the injection)")
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """Everything the solver needs beside arrays.
+
+    ``effects`` holds one parameter object per active effect (``sim.effects.REGISTRY``), in any order;
+    an effect that is not listed is not compiled, allocated or run.
+    """
+
+    dimension: int
+    liquids: tuple[Liquid, ...]
+    numerics: Numerics
+    effects: tuple[object, ...]
