@@ -1,0 +1,56 @@
+"""How every stage ends: with its result, or with one sentence per error and an exit code."""
+import errno
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from pipeline.errors import UserError
+
+WRONG_INPUT = 2
+FAILED = 1
+INTERRUPTED = 130
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EACCES: "permission denied",
+    errno.EROFS: "the disk is not writable",
+    errno.ENOENT: "no such file or folder",
+    errno.EISDIR: "this is a folder, not a file",
+    errno.ENOTDIR: "a part of this path is a file, not a folder",
+}
+
+
+def run(main: Callable[[], int | None]) -> NoReturn:
+    """Call ``main`` and exit with its code; errors that a user can meet become sentences on stderr.
+
+    Exit codes: 0 success, 1 the computer failed (disk, memory), 2 wrong input, 130 interrupted. Anything else that
+    is raised is a defect of the program and keeps its traceback.
+    """
+    try:
+        code = main() or 0
+        sys.stdout.flush()
+    except UserError as error:
+        code = _report(WRONG_INPUT, *error.messages)
+    except BrokenPipeError:
+        sys.stdout = None  # the reader (`head`, a closed pager) has seen enough; nothing is left to flush at exit
+        code = FAILED
+    except OSError as error:
+        code = _report(FAILED, _describe(error))
+    except MemoryError as error:
+        code = _report(FAILED, f"out of memory ({error}), use a coarser accuracy level" if str(error) else
+                       "out of memory, use a coarser accuracy level")
+    except KeyboardInterrupt:
+        code = _report(INTERRUPTED, "interrupted")
+    sys.exit(code)
+
+
+def _report(code: int, *messages: str) -> int:
+    for message in messages:
+        print(f"error: {message}", file=sys.stderr)
+    return code
+
+
+def _describe(error: OSError) -> str:
+    reason = _REASONS.get(error.errno) or error.strerror or str(error) or type(error).__name__
+    return f"{error.filename}: {reason}" if error.filename is not None else reason
