@@ -1,4 +1,4 @@
-"""Files and folders that appear by rename: a killed job never leaves a half file that looks whole."""
+"""Files that appear complete or not at all."""
 import contextlib
 import os
 import shutil
@@ -9,40 +9,53 @@ from pipeline.errors import UserError
 
 
 @contextlib.contextmanager
-def written_by_rename(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a temporary path beside ``path``; rename it to ``path`` when the block ends without an error.
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path in the folder of ``path`` (created if missing) and rename it to ``path`` at the end.
 
-    The temporary name keeps the suffix, because writers choose their format by it.
+    The temporary name keeps the suffix, which many writers use to choose a format. When the block raises, ``path``
+    stays as it was and the temporary file is removed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.partial{os.getpid()}{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield partial
-        os.replace(partial, path)
+        yield temporary
+        os.replace(temporary, path)
     finally:
-        partial.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def folder_by_rename(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a temporary empty folder that takes the place of ``path`` when the block ends without an error."""
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary empty folder beside ``path`` and rename it to ``path`` at the end.
+
+    When the block raises, an old folder at ``path`` stays as it was and the temporary one is removed.
+    """
     path = Path(os.path.abspath(path))
     if path.exists() and not path.is_dir():
         raise UserError(f"{path}: is a file, but a folder is to be written there")
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial{os.getpid()}")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir()
     try:
-        yield partial
+        yield temporary
         if path.exists():
             # A folder cannot be replaced in one step: set the old one aside first, so that the gap stays a moment.
-            old = path.with_name(f".{path.name}.old{os.getpid()}")
+            old = path.with_name(f".{path.name}.{os.getpid()}.old")
             os.replace(path, old)
-            os.replace(partial, path)
+            os.replace(temporary, path)
             shutil.rmtree(old)
         else:
-            os.replace(partial, path)
+            os.replace(temporary, path)
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write ``text`` to ``path`` by rename; a file that already holds it is left untouched, with its date."""
+    path = Path(path)
+    if path.is_file() and path.read_bytes() == text.encode():
+        return
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

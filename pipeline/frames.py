@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from pipeline.errors import UserError
-from pipeline.files import written_by_rename
+from pipeline.files import replacing
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 
@@ -115,7 +115,7 @@ def write_frame(path: str | os.PathLike, frame: FrameData) -> None:
     writer.SetDataModeToAppended()
     writer.EncodeAppendedDataOff()
     writer.SetCompressorTypeToNone()
-    with written_by_rename(path) as partial:
+    with replacing(path) as partial:
         writer.SetFileName(str(partial))
         with _silent_vtk():
             written = writer.Write()
@@ -243,7 +243,7 @@ def write_pvd(path: str | os.PathLike, entries: Iterable[tuple[float, str]]) -> 
              "  <Collection>"]
     lines += [f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(str(file))}/>' for time, file in entries]
     lines += ["  </Collection>", "</VTKFile>", ""]
-    with written_by_rename(path) as partial:
+    with replacing(path) as partial:
         partial.write_text("\n".join(lines))
 
 
@@ -259,7 +259,7 @@ def save_checkpoint(path: str | os.PathLike, state: Mapping[str, object]) -> Non
         arrays[name] = np.asarray(value)
         if arrays[name].dtype == object:
             raise TypeError(f"checkpoint entry {name!r} is a {type(value).__name__}; only arrays, numbers and strings")
-    with written_by_rename(path) as partial, partial.open("wb") as file:
+    with replacing(path) as partial, partial.open("wb") as file:
         np.savez(file, **arrays)
 
 

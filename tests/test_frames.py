@@ -8,7 +8,7 @@ import pyvista
 
 from pipeline import frames
 from pipeline.errors import UserError
-from pipeline.files import folder_by_rename
+from pipeline.files import replacing_folder
 from pipeline.progress import PlainProgress
 
 
@@ -124,11 +124,11 @@ def test_checkpoint_errors_are_sentences(tmp_path):
 def test_failed_write_leaves_the_old_folder(tmp_path):
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / "old").touch()
-    with pytest.raises(RuntimeError), folder_by_rename(tmp_path / "frames") as partial:
+    with pytest.raises(RuntimeError), replacing_folder(tmp_path / "frames") as partial:
         (partial / "new").touch()
         raise RuntimeError
     assert [p.name for p in tmp_path.rglob("*")] == ["frames", "old"]
-    with folder_by_rename(tmp_path / "frames") as partial:
+    with replacing_folder(tmp_path / "frames") as partial:
         (partial / "new").touch()
     assert [p.name for p in tmp_path.rglob("*")] == ["frames", "new"]
 
