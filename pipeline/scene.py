@@ -1,0 +1,198 @@
+"""Stage 1: a scene file in YAML becomes a resolved scene in SI units with every default filled in."""
+import argparse
+import dataclasses
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from pipeline.cli import run
+from pipeline.errors import UserError
+from pipeline.files import write_text
+from pipeline.materials import load_materials, read_liquids
+from pipeline.scene_checks import check
+from pipeline.scene_files import read_extended, read_yaml, sibling
+from pipeline.scene_model import SCENE_KEYS, Eye, Initial, Material, Scene
+from pipeline.scene_reader import FAILED, Errors, Reader, describe, nearest
+from pipeline.scene_schema import list_text, schema_text
+from sim.settings import Numerics
+
+__all__ = ["Scene", "load_resolved", "load_scene"]
+
+PROJECT_CONFIG = Path(__file__).parents[1] / "config"
+
+
+def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:
+    """Read, check and resolve a scene file.
+
+    Parameters
+    ----------
+    path : YAML file of the scene; its name is the scene's name.
+    accuracy : level of ``accuracy.yaml``; by default the one that ``config.yaml`` chooses.
+    config_dir : folder of ``config.yaml``, ``accuracy.yaml`` and ``materials.yaml``; by default the folder above the
+        scene's, if it has them, else that of the project.
+
+    Raises
+    ------
+    UserError
+        With one sentence for every error of the file.
+    """
+    path = Path(path)
+    if config_dir is None:
+        config_dir = path.parent.parent if (path.parent.parent / "materials.yaml").is_file() else PROJECT_CONFIG
+    return _Resolver(Path(config_dir), accuracy).resolve(path)
+
+
+def load_resolved(path: str | Path) -> Scene:
+    """Read a resolved scene, as ``Scene.to_json`` writes it.
+
+    Raises
+    ------
+    UserError
+        The file is missing, or no resolved scene; with one sentence for every error.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such file, write it with `python -m pipeline.scene <scene file> --output {path}`")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UserError(f"{path}: not a resolved scene ({error})") from None
+    errors = Errors(path)
+    liquids = data.get("liquids") if isinstance(data, dict) else None
+    names = [liquid.get("name") for liquid in liquids if isinstance(liquid, dict)] if isinstance(liquids, list) else []
+    scene = Reader(errors, names).record(Scene, data)
+    if scene is not FAILED:
+        for key, message in check(vars(scene)):
+            errors.add(key, message)
+    errors.raise_any()
+    return scene
+
+
+class _Resolver:
+    """Resolves the scenes of one configuration at one accuracy level."""
+
+    def __init__(self, config_dir: Path, accuracy: str | None):
+        self.materials = load_materials(config_dir / "materials.yaml")
+        levels = load_accuracy_levels(config_dir / "accuracy.yaml")
+        where = "--accuracy"
+        if accuracy is None:
+            where = f"{config_dir / 'config.yaml'}: accuracy"
+            accuracy = read_yaml(config_dir / "config.yaml").get("accuracy")
+        if accuracy not in levels:
+            raise UserError(f"{where} is {describe(accuracy)}, but must be one of {', '.join(levels)}"
+                            f"{nearest(accuracy, levels)}")
+        self.accuracy, self.numerics = accuracy, levels[accuracy]
+
+    def resolve(self, path: Path, chain: tuple[Path, ...] = ()) -> Scene:
+        """Return the scene in ``path``.
+
+        Parameters
+        ----------
+        chain : files of the scenes that start from this one.
+        """
+        errors = Errors(path)
+        data = read_extended(path, errors)
+        parts = self._read_parts(path.stem, data, errors)
+        for key, message in check(parts):
+            errors.add(key, message)
+        if "eye" in parts:
+            parts["eye"] = _with_mesh_beside(path, parts["eye"], errors)
+        if parts.get("start_from") is not None:
+            self._check_start(parts, path, (*chain, path), errors)
+        errors.raise_any()
+        return Scene(**parts)
+
+    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
+        """Return the fields of the scene without those that have errors."""
+        liquids = data.get("liquids")
+        reader = Reader(errors, liquids if isinstance(liquids, dict) else ())
+        reader.refuse_unknown(data, SCENE_KEYS, ())
+        parts = {"name": name, "accuracy": self.accuracy}
+        if liquids is not None:
+            parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
+        parts["numerics"] = reader.record(Numerics, data.get("numerics", {}), ("numerics",), self.numerics)
+        for field in dataclasses.fields(Scene):
+            if field.name not in parts:
+                parts[field.name] = reader.field(field, data.get(field.name, dataclasses.MISSING), (field.name,))
+        parts = {name: value for name, value in parts.items() if value is not FAILED}
+        if "initial" in parts and "liquids" in parts and parts["initial"] == Initial():
+            parts["initial"] = Initial(liquid=parts["liquids"][0].name)
+        return parts
+
+    def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
+        """Collect an error for every part in which the scene differs from the one that it starts from."""
+        try:
+            start = self.resolve(sibling(path, "start_from", parts["start_from"], chain), chain)
+        except UserError as error:
+            errors.messages.extend(error.messages)
+            return
+        must = f"but must be as in {start.name}, from which this scene starts"
+        if "liquids" in parts and (names := _names(parts["liquids"])) != _names(start.liquids):
+            errors.add(("liquids",), f"are {', '.join(names)}, {must}: {', '.join(_names(start.liquids))}")
+        if "numerics" in parts and (spacing := parts["numerics"].particle_spacing) != start.numerics.particle_spacing:
+            errors.add(("numerics", "particle_spacing"), f"is {spacing:g} m, {must}: {start.numerics.particle_spacing:g} m")
+        for name in ("dimension", "eye"):
+            if name in parts and parts[name] != getattr(start, name):
+                errors.add((name,), f"is different, {must}")
+
+
+def load_accuracy_levels(path: Path) -> dict[str, Numerics]:
+    """Return the numerics of every level of ``accuracy.yaml``."""
+    errors = Errors(path)
+    reader = Reader(errors)
+    levels = {name: reader.record(Numerics, data, (name,)) for name, data in read_yaml(path).items()}
+    errors.raise_any()
+    return levels
+
+
+def _with_mesh_beside(scene_file: Path, eye: Eye, errors: Errors) -> Eye:
+    """Return ``eye`` with the path of its mesh taken from the folder of the scene file."""
+    if eye.path is None:
+        return eye
+    mesh = scene_file.parent / eye.path
+    if not mesh.is_file():
+        errors.add(("eye", "path"), f'is "{eye.path}", but there is no such file beside the scene ({mesh})')
+    return dataclasses.replace(eye, path=os.path.normpath(mesh))
+
+
+def _names(liquids: tuple[Material, ...]) -> list[str]:
+    return [liquid.name for liquid in liquids]
+
+
+def _write(text: str, output: Path | None) -> None:
+    """Write ``text`` to a file, or to standard output."""
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        write_text(output, text)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.scene", description=__doc__)
+    parser.add_argument("scene", type=Path, nargs="?", help="scene file, for example config/scenes/tamponade.yaml")
+    parser.add_argument("--accuracy", help="accuracy level (default: `accuracy` of config.yaml)")
+    parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")
+    parser.add_argument("--output", type=Path, help="file to write (default: standard output)")
+    action = parser.add_mutually_exclusive_group()
+    action.add_argument("--check", action="store_true", help="only check the scene")
+    action.add_argument("--schema", action="store_true", help="write the JSON schema of scene files, for editors")
+    action.add_argument("--list", action="store_true", help="describe effects, liquids and accuracy levels")
+    options = parser.parse_args(arguments)
+    config_dir = options.config_dir or PROJECT_CONFIG
+    if options.schema or options.list:
+        materials = load_materials(config_dir / "materials.yaml")
+        levels = load_accuracy_levels(config_dir / "accuracy.yaml")
+        _write(schema_text(materials) if options.schema else list_text(materials, levels), options.output)
+        return
+    if options.scene is None:
+        parser.error("name a scene file, or use --schema or --list")
+    scene = load_scene(options.scene, options.accuracy, options.config_dir)
+    if not options.check:
+        _write(scene.to_json(), options.output)
+
+
+if __name__ == "__main__":
+    run(main)

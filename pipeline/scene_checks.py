@@ -1,0 +1,146 @@
+"""What has to hold between the parts of a scene, beyond the range of every single number.
+
+Every check is a function whose arguments name the parts of the scene that it looks at, and which yields the key and the
+message of every error. A check whose parts could not be read is left out: their errors are reported already.
+"""
+import inspect
+import math
+import re
+from collections.abc import Iterator, Mapping
+
+from pipeline.scene_model import Eye, Initial, Material, Output
+from pipeline.scene_reader import Key
+from sim.settings import Numerics
+
+Found = Iterator[tuple[Key, str]]
+
+# Two effects for one physics would act twice.
+CONFLICTS = (
+    ("viscosity", "viscosity_implicit", "both apply the shear stress"),
+    ("interface_tension", "cohesion", "both pull the interface together"),
+    ("interface_tension", "curvature", "both pull the interface together"),
+)
+NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
+MOST_PARTICLES = 5e7  # the fields of so many fill about 20 GB
+FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
+
+
+def check(parts: Mapping[str, object]) -> Found:
+    """Yield the errors of all checks whose parts (fields of a Scene, by name) are there."""
+    for function in _CHECKS:
+        names = inspect.signature(function).parameters
+        if names.keys() <= parts.keys():
+            yield from function(**{name: parts[name] for name in names})
+
+
+def _name_fits_into_paths(name: str) -> Found:
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        yield (), f'a scene named "{name}" cannot name a folder, use letters, digits, "_" and "-"'
+
+
+def _colors(liquids: tuple[Material, ...]) -> Found:
+    for liquid in liquids:
+        if not re.fullmatch(r"#[0-9a-fA-F]{6}", liquid.color):
+            yield ("liquids", liquid.name, "color"), f'is "{liquid.color}", but must be of the form "#rrggbb"'
+
+
+def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
+    if not liquids:
+        yield ("liquids",), "is empty, but must name one liquid at least"
+    if len(liquids) == 1:
+        for name in effects.keys() & set(NEED_TWO_LIQUIDS):
+            yield ("effects", name), "needs two liquids at least, but the scene has one"
+
+
+def _effects_do_not_conflict(effects: dict) -> Found:
+    for first, second, reason in CONFLICTS:
+        if effects.keys() >= {first, second}:
+            yield ("effects", second), f"cannot be used together with {first}: {reason}; remove one of them"
+
+
+def _turns_follow_each_other(effects: dict) -> Found:
+    turns = effects["gravity"].turns if "gravity" in effects else ()
+    for index, (turn, following) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
+        end = turn.start + turn.duration
+        if following.start < end - 1e-9:
+            yield (("effects", "gravity", "turns", index + 1, "start"),
+                   f"is {following.start:g} s, but the turn before ends at {end:g} s, and turns must not overlap")
+
+
+def _injection_exchanges(effects: dict) -> Found:
+    injection = effects.get("injection")
+    if injection and injection.liquid == injection.drained_liquid:
+        yield (("effects", "injection", "drained_liquid"),
+               f"is {injection.liquid}, the liquid that enters, but must be another one")
+    if injection and injection.cannula == injection.drain:
+        yield ("effects", "injection", "drain"), "is where the cannula is, but must be away from it"
+
+
+def _injection_starts_in_time(effects: dict, output: Output) -> Found:
+    injection = effects.get("injection")
+    if injection and injection.start >= output.duration:
+        yield (("effects", "injection", "start"),
+               f"is {injection.start:g} s, but the scene ends at {output.duration:g} s")
+
+
+def _initial_is_full(initial: Initial) -> Found:
+    if initial.fill is None:
+        return
+    if initial.liquid is not None:
+        yield ("initial",), "gives both liquid and fill, but only one of them can fill the cavity"
+    total = sum(initial.fill.values())
+    if not math.isclose(total, 1.0, abs_tol=1e-6):
+        yield ("initial", "fill"), f"adds up to {100 * total:g} %, but a closed cavity must be filled to 100 %"
+
+
+def _level_needs_gravity(initial: Initial, effects: dict) -> Found:
+    if initial.fill is not None and "gravity" not in effects:
+        yield ("initial", "fill"), "stacks liquids by weight, but the scene has no effect gravity"
+
+
+def _eye_is_one_model(eye: Eye) -> Found:
+    if eye.model == "mesh" and eye.path is None:
+        yield ("eye", "path"), "is missing, but an eye of model mesh must name its mesh file"
+    if eye.model == "parametric" and eye.path is not None:
+        yield ("eye", "path"), "is given, but model is parametric; use model: mesh to read a mesh file"
+
+
+def _spacing_fits_eye(eye: Eye, numerics: Numerics, dimension: int) -> Found:
+    if eye.model != "parametric":
+        return
+    spacings = eye.axial_length / numerics.particle_spacing
+    count = spacings**dimension * math.pi / (2 * dimension)  # a disc or a ball of that diameter
+    limit = None
+    if spacings < FEWEST_SPACINGS:
+        limit = f"at most {1000 * eye.axial_length / FEWEST_SPACINGS:.3g} mm, an eighth of the axial length"
+    elif count > MOST_PARTICLES:
+        limit = f"large enough for {MOST_PARTICLES:.0e} particles; this would need about {count:.0e}"
+    if limit:
+        yield (("numerics", "particle_spacing"),
+               f"is {1000 * numerics.particle_spacing:g} mm, but must be {limit}")
+
+
+def _time_steps_are_ordered(numerics: Numerics) -> Found:
+    if numerics.minimum_time_step >= numerics.maximum_time_step:
+        yield (("numerics", "minimum_time_step"),
+               f"is {numerics.minimum_time_step:g} s, but must be below maximum_time_step, "
+               f"{numerics.maximum_time_step:g} s")
+
+
+def _frames_end_with_the_scene(output: Output) -> Found:
+    count = output.duration / output.frame_interval
+    if round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
+        yield (("output", "duration"),
+               f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
+
+
+def _movie_size_is_even(output: Output) -> Found:
+    if any(size % 2 for size in output.image_size):
+        yield ("output", "image_size"), f"is {list(output.image_size)}, but movies need even numbers"
+
+
+_CHECKS = (
+    _name_fits_into_paths, _colors, _liquids_are_enough, _effects_do_not_conflict, _turns_follow_each_other,
+    _injection_exchanges, _injection_starts_in_time, _initial_is_full, _level_needs_gravity, _eye_is_one_model,
+    _spacing_fits_eye, _time_steps_are_ordered, _frames_end_with_the_scene, _movie_size_is_even,
+)

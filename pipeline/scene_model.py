@@ -1,0 +1,112 @@
+"""The resolved scene: frozen, in SI, every default filled in. Its fields declare what a scene file may say."""
+import dataclasses
+import json
+import math
+
+from sim.effects import REGISTRY
+from sim.parameters import parameter
+from sim.settings import Liquid, Numerics, Settings
+
+LENSES = ("phakic", "pseudophakic", "aphakic")
+MESH_UNITS = ("m", "cm", "mm", "um")
+
+
+@dataclasses.dataclass(frozen=True)
+class Eye:
+    """The cavity: a parametric eye or a mesh of the user's."""
+
+    model: str = parameter("parametric", choices=("parametric", "mesh"), meaning="where the surface comes from")
+    axial_length: float = parameter(0.024, unit="m", minimum=0.015, maximum=0.040,
+                                    meaning="axial length of the parametric eye")
+    horizontal_diameter: float | None = parameter(None, unit="m", minimum=0.015, maximum=0.040,
+                                                  meaning="inner horizontal diameter, else a mean of measured eyes")
+    vertical_diameter: float | None = parameter(None, unit="m", minimum=0.015, maximum=0.040,
+                                                meaning="inner vertical diameter, else a mean of measured eyes")
+    lens: str = parameter("phakic", choices=LENSES, meaning="own lens, artificial lens or none")
+    path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
+    unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
+    force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
+
+
+@dataclasses.dataclass(frozen=True)
+class Material(Liquid):
+    """A named liquid of ``config/materials.yaml`` with the scene's changes."""
+
+    color: str = parameter("#9ecae1", meaning="color in pictures, as #rrggbb")
+    source: str = parameter("", meaning="where the numbers come from")
+
+
+@dataclasses.dataclass(frozen=True)
+class Initial:
+    """What fills the cavity at t = 0: one liquid, or several stacked level, the lightest on top."""
+
+    liquid: str | None = parameter(None, liquid=True, meaning="liquid that fills the cavity, else the first liquid")
+    fill: dict[str, float] | None = parameter(None, liquid=True, exclusive_minimum=0.0, maximum=1.0,
+                                              meaning="fraction of the cavity that each liquid holds")
+    orientation: str = parameter("level", choices=("level",), meaning="how the liquids of `fill` are stacked")
+
+
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """What is saved, and how it is turned into surfaces and pictures."""
+
+    duration: float = parameter(unit="s", exclusive_minimum=0.0, maximum=3600.0, meaning="simulated time")
+    frame_interval: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="time between saved frames")
+    frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
+    cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="cell of the surface grid per particle spacing")
+    contour: str = parameter("flying_edges", choices=("flying_edges", "marching_cubes"), meaning="surface algorithm")
+    smoothing_iterations: int = parameter(20, minimum=0, maximum=1000, meaning="passes of the surface smoothing")
+    image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
+    formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """One experiment, ready to run; the order of ``liquids`` gives the phase indices."""
+
+    name: str = parameter(meaning="name of the scene, from its file")
+    accuracy: str = parameter(meaning="accuracy level that gave the numerics")
+    liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
+    numerics: Numerics = parameter(meaning="how the equations are solved")
+    output: Output = parameter(meaning="what is saved and drawn")
+    title: str = parameter("", meaning="heading of the pictures and of the report")
+    description: str = parameter("", meaning="what the scene shows")
+    label: str = parameter("", meaning="line drawn in every picture, for example a time-lapse warning")
+    dimension: int = parameter(3, minimum=2, maximum=3, meaning="dimensions of space")
+    start_from: str | None = parameter(None, meaning="scene whose last checkpoint is the start")
+    eye: Eye = parameter(Eye(), meaning="the cavity")
+    initial: Initial = parameter(Initial(), meaning="what fills the cavity at the start")
+    effects: dict[str, object] = dataclasses.field(
+        default_factory=dict,
+        metadata={"meaning": "physics beside pressure", "kinds": {n: e.Parameters for n, e in REGISTRY.items()}})
+
+    @property
+    def frame_count(self) -> int:
+        """Number of saved frames, with frame 0 at t = 0."""
+        return round(self.output.duration / self.output.frame_interval) + 1
+
+    @property
+    def segment_count(self) -> int:
+        """Number of segments, each with its own checkpoint."""
+        return math.ceil((self.frame_count - 1) / self.output.frames_per_segment)
+
+    def frames_of_segment(self, segment: int) -> range:
+        """Return the frames of one segment; the start, frame 0, belongs to segment 0."""
+        if not 0 <= segment < self.segment_count:
+            raise ValueError(f"segment {segment} is not in 0 to {self.segment_count - 1}")
+        length = self.output.frames_per_segment
+        first = segment * length + 1 if segment else 0
+        return range(first, min((segment + 1) * length + 1, self.frame_count))
+
+    def settings(self) -> Settings:
+        """Return what the solver needs: no names of files, no pictures."""
+        liquids = tuple(Liquid(liquid.name, liquid.density, liquid.dynamic_viscosity) for liquid in self.liquids)
+        return Settings(self.dimension, liquids, self.numerics, tuple(self.effects.values()))
+
+    def to_json(self) -> str:
+        """Return the scene as JSON text, the same text for the same scene."""
+        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False) + "\n"
+
+
+# What a scene file may say: its name is that of the file, and the accuracy is chosen for a run, not for a scene.
+SCENE_KEYS = ("extends", *(field.name for field in dataclasses.fields(Scene) if field.name not in ("name", "accuracy")))
