@@ -1,8 +1,88 @@
-"""The contract of an effect."""
+"""The contract of an effect.
+
+An effect is one file: a frozen dataclass of parameters (``sim.parameters.parameter``: the one source for validation,
+schema and documentation) and a class that declares the particle fields it reads and adds, and overrides only the
+hooks it uses. The solver collects, per hook, the effects that override it; a hook that none overrides is neither
+compiled nor run.
+"""
+import taichi as ti
+
+from sim.fields import Field
 
 
+@ti.data_oriented
 class Effect:
-    """Base of all effects; a subclass overrides only the hooks it uses."""
+    """Base of all effects.
+
+    Class attributes
+    ----------------
+    name : key in the scene file.
+    Parameters : frozen dataclass of the parameters.
+    fields : particle fields that this effect adds.
+    uses : names of the fields of others that it reads or writes.
+    requires : names of the effects that must be active too.
+    """
 
     name: str
     Parameters: type
+    fields: tuple[Field, ...] = ()
+    uses: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
+
+    def __init__(self, parameters, solver):
+        self.parameters = parameters
+        self.solver = solver
+        self.particles = solver.particles.view(self.name, [f.name for f in self.fields] + list(self.uses))
+
+    @classmethod
+    def overrides(cls, hook: str) -> bool:
+        """True where this effect has a hook of its own."""
+        return getattr(cls, hook) is not getattr(Effect, hook)
+
+    # Hooks on the host, in the order of a step.
+
+    def stable_time_step(self) -> float:
+        """Largest stable time step at the present state, s."""
+        return float("inf")
+
+    def exchange(self, dt: float) -> None:
+        """Add and remove particles, before they are sorted."""
+
+    def prepare(self, dt: float) -> None:
+        """Compute what the pair and body hooks need, once neighbors are known."""
+
+    def correct_velocity(self, dt: float) -> dict[str, float]:
+        """Change the velocity after the accelerations and before the pressure; return statistics."""
+        return {}
+
+    def finish(self, dt: float) -> None:
+        """Change the state once the positions have moved; neighbor rows are those of the start of the step."""
+
+    # Hooks on the device.
+
+    @ti.func
+    def body_acceleration(self, i):
+        """Acceleration of particle i that needs no neighbors, m/s^2."""
+        return ti.static(None)
+
+    @ti.func
+    def pair_acceleration(self, i, j, x_ij, gradient, weight):
+        """Acceleration of i by its liquid neighbor j; gradient = V_j grad_i W_ij, weight = V_j W_ij."""
+        return ti.static(None)
+
+    @ti.func
+    def wall_acceleration(self, i, b, x_ib, gradient, weight):
+        """Acceleration of i by the wall particle b; gradient = V_b grad_i W_ib, weight = V_b W_ib."""
+        return ti.static(None)
+
+    # State beside the particle fields, for checkpoints.
+
+    def state(self) -> dict:
+        """Arrays and numbers that a restart needs."""
+        return {}
+
+    def restore(self, state: dict) -> None:
+        """Take up what `state` returned."""
+
+    def potential(self) -> None:
+        """Add to `pressure_output` the potentials that this effect has taken out of the pressure solve."""

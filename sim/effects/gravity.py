@@ -1,8 +1,17 @@
-"""Gravity in the frame of the eye: posture and its turns over time."""
+"""Gravity in the frame of the eye: posture and its turns over time.
+
+In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
+reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
+instead of the large weight. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
+"""
 import dataclasses
+
+import numpy as np
+import taichi as ti
 
 from sim.effects.effect import Effect
 from sim.parameters import parameter
+from sim.runtime import real
 
 POSTURES = {  # direction of gravity in the eye: x to the patient's left, y superior, z anterior along the optic axis
     "upright": (0.0, -1.0, 0.0),
@@ -31,6 +40,52 @@ class GravityParameters:
     turns: tuple[Turn, ...] = parameter((), meaning="turns of the patient, in order, not overlapping")
 
 
+def rotate_towards(start, end, fraction: float) -> np.ndarray:
+    """Unit vector on the great circle from `start` to `end`; opposite vectors turn about the horizontal x axis."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    angle = np.arccos(np.clip(start @ end, -1.0, 1.0))
+    side = end - (start @ end) * start
+    if np.linalg.norm(side) < 1e-9:
+        side = np.cross(start, (1.0, 0.0, 0.0)) if abs(start[0]) < 0.9 else np.cross(start, (0.0, 1.0, 0.0))
+    side = side / np.linalg.norm(side)
+    return np.cos(fraction * angle) * start + np.sin(fraction * angle) * side
+
+
+@ti.data_oriented
 class Gravity(Effect):
+    """Buoyancy of each particle against the reference density."""
+
     name = "gravity"
     Parameters = GravityParameters
+    uses = ("mass", "volume", "position")
+
+    def __init__(self, parameters, solver):
+        super().__init__(parameters, solver)
+        densities = [liquid.density for liquid in solver.liquids]
+        # Any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
+        self.reference_density = densities[0] if max(densities) <= 2.0 * min(densities) else min(densities)
+        self.vector = ti.Vector.field(solver.dimension, real(), shape=())
+
+    def direction(self, time: float) -> np.ndarray:
+        """Direction of gravity in the eye at `time`, (3,); turns follow the minimum-jerk profile."""
+        held = POSTURES[self.parameters.posture]
+        for turn in self.parameters.turns:
+            s = min(max((time - turn.start) / turn.duration, 0.0), 1.0)
+            held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
+        return np.asarray(held)
+
+    def at(self, time: float) -> np.ndarray:
+        """Gravity in the eye at `time`, (dimension,), m/s^2."""
+        return self.parameters.magnitude * self.direction(time)[: self.solver.dimension]
+
+    def prepare(self, dt: float) -> None:
+        self.vector[None] = ti.Vector(list(self.at(self.solver.time)))
+
+    @ti.func
+    def body_acceleration(self, i):
+        return (1.0 - self.reference_density * self.particles.volume[i] / self.particles.mass[i]) * self.vector[None]
+
+    @ti.func
+    def hydrostatic(self, i):
+        """Pressure that the reference density would have at particle i, Pa (zero at the origin)."""
+        return self.reference_density * self.vector[None].dot(self.particles.position[i])

@@ -1,0 +1,116 @@
+"""Particle fields: who declares a field gets it, and nothing else is allocated."""
+import dataclasses
+
+import numpy as np
+import taichi as ti
+
+from sim.runtime import real
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """A quantity per particle.
+
+    Parameters
+    ----------
+    name : the field's term in full.
+    kind : "scalar", "vector" (one component per dimension), "liquids" (one component per liquid) or "integer".
+    unit, meaning : for the documentation.
+    carried : True for state that outlives a step: it moves with the particle when particles are sorted and is
+        stored in checkpoints. Other fields are scratch, valid within one step.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+    carried: bool = False
+
+
+def allocate(field: Field, size: int, dimension: int, liquids: int):
+    """Return the Taichi field of `size` entries that `field` describes."""
+    if field.kind == "scalar":
+        return ti.field(real(), shape=size)
+    if field.kind == "integer":
+        return ti.field(ti.i32, shape=size)
+    components = {"vector": dimension, "liquids": liquids}[field.kind]
+    return ti.Vector.field(components, real(), shape=size, layout=ti.Layout.SOA)
+
+
+class FieldView:
+    """The fields that one user declared; any other name is an error that says so."""
+
+    def __init__(self, owner: str, fields: dict):
+        self.__dict__.update(fields)
+        self.__dict__["_owner"] = owner
+
+    def __getattr__(self, name):
+        raise AttributeError(f"'{self.__dict__['_owner']}' uses the particle field '{name}' without declaring it")
+
+
+@ti.data_oriented
+class ParticleStore:
+    """Arrays of the liquid particles, of fixed capacity; `count` of them are in use.
+
+    Parameters
+    ----------
+    fields : the declared fields; equal names must agree.
+    capacity : largest number of particles.
+    dimension, liquids : number of components of "vector" and "liquids" fields.
+    """
+
+    def __init__(self, fields, capacity: int, dimension: int, liquids: int):
+        self.capacity = capacity
+        self.dimension = dimension
+        self.liquids = liquids
+        self.declared: dict[str, Field] = {}
+        for field in fields:
+            if self.declared.setdefault(field.name, field) != field:
+                raise ValueError(f"particle field '{field.name}' is declared twice, differently")
+        self.arrays = {name: allocate(f, capacity, dimension, liquids) for name, f in self.declared.items()}
+        self.count = ti.field(ti.i32, shape=())
+        self.order = ti.field(ti.i32, shape=capacity)
+        self.carried = [self.arrays[f.name] for f in self.declared.values() if f.carried]
+        buffers = {kind: allocate(Field("buffer", kind, "", ""), capacity, dimension, liquids)
+                   for kind in {f.kind for f in self.declared.values() if f.carried}}
+        self.buffers = [buffers[f.kind] for f in self.declared.values() if f.carried]
+
+    def view(self, owner: str, names) -> FieldView:
+        """Return the named fields for one user, with the particle count."""
+        missing = [name for name in names if name not in self.arrays]
+        if missing:
+            raise KeyError(f"'{owner}' needs the particle field '{missing[0]}', which nothing declares")
+        return FieldView(owner, {name: self.arrays[name] for name in names} | {"count": self.count})
+
+    def bytes(self) -> int:
+        """Memory of the declared fields."""
+        item = 4 if real() == ti.f32 else 8
+        width = {"scalar": item, "integer": 4, "vector": item * self.dimension, "liquids": item * self.liquids}
+        return sum(width[f.kind] for f in self.declared.values()) * self.capacity
+
+    @ti.kernel
+    def _gather(self, source: ti.template(), target: ti.template()):
+        for i in range(self.count[None]):
+            target[i] = source[self.order[i]]
+
+    @ti.kernel
+    def _copy(self, source: ti.template(), target: ti.template()):
+        for i in range(self.count[None]):
+            target[i] = source[i]
+
+    def reorder(self) -> None:
+        """Apply the permutation `order` to every carried field."""
+        for array, buffer in zip(self.carried, self.buffers):
+            self._gather(array, buffer)
+            self._copy(buffer, array)
+
+    def to_numpy(self, name: str) -> np.ndarray:
+        """Return the entries in use of one field."""
+        return self.arrays[name].to_numpy()[: self.count[None]]
+
+    def from_numpy(self, name: str, values: np.ndarray) -> None:
+        """Set the entries in use of one field; `values` has `count` rows."""
+        array = self.arrays[name]
+        full = array.to_numpy()
+        full[: len(values)] = values
+        array.from_numpy(full)

@@ -1,0 +1,211 @@
+"""Uniform grid, stable counting sort and neighbor rows with cached gradients.
+
+Liquid particles are sorted by cell in every step (x fastest), walls once. One kernel then writes, for every liquid
+particle, its liquid neighbors and its wall neighbors, and a second one the liquid neighbors of every wall particle:
+index, V_j grad_i W_ij and V_j W_ij. Later passes stream these rows and never touch the grid again.
+Rows have a fixed width; an overflow is detected, the rows grow and the search is repeated.
+"""
+import numpy as np
+import taichi as ti
+
+from sim.boundary import Walls
+from sim.fields import ParticleStore
+from sim.runtime import real
+
+
+@ti.data_oriented
+class Rows:
+    """Neighbor rows of fixed width: entries of row i are i*width .. i*width + count[i] - 1."""
+
+    def __init__(self, rows: int, width: int, dimension: int):
+        self.width = width
+        self.rows = rows
+        size = max(rows, 1) * width
+        self.count = ti.field(ti.i32, shape=max(rows, 1))
+        self.index = ti.field(ti.i32, shape=size)
+        self.gradient = ti.Vector.field(dimension, real(), shape=size, layout=ti.Layout.SOA)  # V_j grad_i W_ij, 1/m
+        self.weight = ti.field(real(), shape=size)  # V_j W_ij
+        self.longest = ti.field(ti.i32, shape=())
+
+    def bytes(self) -> int:
+        """Memory of the rows."""
+        item = 4 if real() == ti.f32 else 8
+        return self.rows * self.width * (4 + item * (self.gradient.n + 1))
+
+
+@ti.data_oriented
+class NeighborSearch:
+    """Neighbors within the support radius.
+
+    Parameters
+    ----------
+    particles : store with carried fields `position` and `volume`.
+    walls : wall particles, in the order that `sort_walls` returned.
+    kernel : smoothing kernel.
+    lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
+    particle_spacing : m, for the first guess of the row width.
+    """
+
+    def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float):
+        self.particles = particles
+        self.position = particles.arrays["position"]
+        self.volume = particles.arrays["volume"]
+        self.kernel = kernel
+        self.dimension = particles.dimension
+        h = kernel.support_radius
+        self.cell = h * (1.0 + 1e-6)
+        self.origin = ti.Vector(list(np.asarray(lower) - 1.5 * self.cell))
+        self.origin_numpy = np.asarray(lower) - 1.5 * self.cell
+        self.shape = tuple(int(n) for n in np.ceil((np.asarray(upper) - self.origin_numpy) / self.cell) + 2)
+        self.strides = [1]
+        for n in self.shape[:-1]:
+            self.strides.append(self.strides[-1] * n)
+        self.cells = int(np.prod(self.shape))
+        self.cell_start = ti.field(ti.i32, shape=self.cells + 1)
+        self.cell_fill = ti.field(ti.i32, shape=self.cells + 1)
+        self.cell_of = ti.field(ti.i32, shape=particles.capacity)
+        self.outside = ti.field(ti.i32, shape=())
+        offsets = [0] if self.dimension == 1 else None
+        if self.dimension == 2:
+            offsets = [dy * self.strides[1] for dy in (-1, 0, 1)]
+        else:
+            offsets = [dy * self.strides[1] + dz * self.strides[2] for dz in (-1, 0, 1) for dy in (-1, 0, 1)]
+        self.row_count = len(offsets)
+        self.row_offset = ti.field(ti.i32, shape=self.row_count)
+        self.row_offset.from_numpy(np.array(offsets, dtype=np.int32))
+
+        position, volume, depth = wall_arrays
+        order, start = self._sort_walls(position)
+        self.wall_order = order
+        self.walls = Walls(position[order], volume[order], depth[order])
+        self.wall_cell_start = ti.field(ti.i32, shape=self.cells + 1)
+        self.wall_cell_start.from_numpy(start)
+
+        ratio = h / particle_spacing
+        ball = {2: np.pi * ratio**2, 3: 4.0 / 3.0 * np.pi * ratio**3}[self.dimension]
+        width = int(1.25 * ball) + 8
+        self.pairs = Rows(particles.capacity, width, self.dimension)
+        self.wall_pairs = Rows(particles.capacity, int(0.6 * width), self.dimension)
+        self.wall_rows = Rows(self.walls.count, int(0.75 * width), self.dimension)
+
+    def _sort_walls(self, position: np.ndarray):
+        cell = np.floor((position - self.origin_numpy) / self.cell).astype(np.int64) @ np.array(self.strides)
+        order = np.argsort(cell, kind="stable")
+        start = np.searchsorted(cell[order], np.arange(self.cells + 1)).astype(np.int32)
+        return order, start
+
+    @ti.func
+    def _cell_index(self, x):
+        """Linear index of the cell of x, clamped to the cells that have neighbors on every side."""
+        index = 0
+        for d in ti.static(range(self.dimension)):
+            c = ti.cast(ti.floor((x[d] - self.origin[d]) / self.cell), ti.i32)
+            index += ti.min(ti.max(c, 1), self.shape[d] - 2) * self.strides[d]
+        return index
+
+    @ti.kernel
+    def _assign(self):
+        for i in range(self.particles.count[None]):
+            self.cell_of[i] = self._cell_index(self.position[i])
+
+    @ti.kernel
+    def _counting_sort(self):
+        # Serial and stable: the order, and with it every later sum, does not depend on the number of threads.
+        n = self.particles.count[None]
+        ti.loop_config(serialize=True)
+        for c in range(self.cells + 1):
+            self.cell_fill[c] = 0
+        ti.loop_config(serialize=True)
+        for i in range(n):
+            self.cell_fill[self.cell_of[i]] += 1
+        total = 0
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for c in range(self.cells + 1):
+                k = self.cell_fill[c]
+                self.cell_start[c] = total
+                self.cell_fill[c] = total
+                total += k
+        ti.loop_config(serialize=True)
+        for i in range(n):
+            c = self.cell_of[i]
+            self.particles.order[self.cell_fill[c]] = i
+            self.cell_fill[c] += 1
+
+    @ti.func
+    def _scan(self, x, j, slot: ti.template(), pairs: ti.template(), row, x_j, volume_j):
+        d = x - x_j
+        r2 = d.norm_sqr()
+        if r2 < self.kernel.support_radius**2:
+            if slot < pairs.width:
+                r = ti.sqrt(r2)
+                k = row * pairs.width + slot
+                pairs.index[k] = j
+                pairs.gradient[k] = (volume_j * self.kernel.gradient_factor(r)) * d
+                pairs.weight[k] = volume_j * self.kernel.value(r)
+            slot += 1
+
+    @ti.kernel
+    def _build(self):
+        for i in range(self.particles.count[None]):
+            x = self.position[i]
+            c = self._cell_index(x)
+            n = 0
+            m = 0
+            for k in range(self.row_count):
+                first = c + self.row_offset[k]
+                for j in range(self.cell_start[first - 1], self.cell_start[first + 2]):
+                    if j != i:
+                        self._scan(x, j, n, self.pairs, i, self.position[j], self.volume[j])
+                for b in range(self.wall_cell_start[first - 1], self.wall_cell_start[first + 2]):
+                    self._scan(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
+            self.pairs.count[i] = n
+            self.wall_pairs.count[i] = m
+        for b in range(self.walls.count):
+            x = self.walls.position[b]
+            c = self._cell_index(x)
+            n = 0
+            for k in range(self.row_count):
+                first = c + self.row_offset[k]
+                for j in range(self.cell_start[first - 1], self.cell_start[first + 2]):
+                    self._scan(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
+            self.wall_rows.count[b] = n
+
+    @ti.kernel
+    def _longest(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            a = 0
+            b = 0
+            c = 0
+            for i in range(self.particles.count[None]):
+                a = ti.max(a, self.pairs.count[i])
+                b = ti.max(b, self.wall_pairs.count[i])
+            for i in range(self.walls.count):
+                c = ti.max(c, self.wall_rows.count[i])
+            self.pairs.longest[None] = a
+            self.wall_pairs.longest[None] = b
+            self.wall_rows.longest[None] = c
+
+    def sort(self) -> None:
+        """Sort the liquid particles by cell."""
+        self._assign()
+        self._counting_sort()
+        self.particles.reorder()
+
+    def build(self) -> None:
+        """Write the neighbor rows of the current positions.
+
+        Raises
+        ------
+        OverflowError
+            When a row is full: particles pile up far beyond rest density.
+        """
+        self._build()
+        self._longest()
+        for name in ("pairs", "wall_pairs", "wall_rows"):
+            rows = getattr(self, name)
+            if rows.longest[None] > rows.width:
+                raise OverflowError(
+                    f"a particle has {rows.longest[None]} neighbors where {rows.width} fit ({name}): "
+                    "particles pile up; use a smaller time step")

@@ -1,0 +1,42 @@
+"""Start of Taichi, once per process."""
+import os
+
+import numpy as np
+import taichi as ti
+
+_started: dict[str, object] = {}
+
+
+def initialize(precision: str = "f32", threads: int = 0) -> None:
+    """Start Taichi on the CPU; a second call with the same arguments does nothing.
+
+    Parameters
+    ----------
+    precision : "f32" or "f64", the type of every real field and literal.
+    threads : number of worker threads, 0 for every core.
+
+    Raises
+    ------
+    RuntimeError
+        When Taichi already runs with other arguments: one process has one precision and one thread count.
+    """
+    wanted = {"precision": precision, "threads": threads or os.cpu_count()}
+    if _started:
+        if _started != wanted:
+            raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")
+        return
+    ti.init(
+        arch=ti.cpu, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
+        cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR,
+    )
+    _started.update(wanted)
+
+
+def real():
+    """Taichi type of the real fields of this process."""
+    return ti.f32 if _started["precision"] == "f32" else ti.f64
+
+
+def real_numpy():
+    """NumPy type of the real fields of this process."""
+    return np.float32 if _started["precision"] == "f32" else np.float64

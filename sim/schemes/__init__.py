@@ -1,0 +1,4 @@
+"""The schemes: pressure and time integration, one file each."""
+from sim.schemes.volume_incompressible import VolumeIncompressible
+
+REGISTRY = {scheme.name: scheme for scheme in (VolumeIncompressible,)}

@@ -1,0 +1,185 @@
+"""Volume-incompressible SPH for a completely full closed cavity.
+
+One divergence-free solve for the velocity, and a correction of the volume error that moves positions only
+(S1 section III-A with the corrections that a cavity without free surface needs: the constant-volume solve of the
+paper, fed back into the velocity, destroys a still tank).
+"""
+import taichi as ti
+
+from sim.fields import Field
+from sim.pressure_solver import PressureSolver
+from sim.runtime import real
+
+CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
+CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
+CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
+SHIFT_LIMIT = 0.02  # largest weight of the shift along -S_i
+GAUGE_LIMIT = 0.3  # largest rise of the background pressure, in units of rho dx^2 / dt^2
+
+
+@ti.data_oriented
+class VolumeIncompressible:
+    """Scheme `volume_incompressible`."""
+
+    name = "volume_incompressible"
+    fields = (
+        Field("pressure", "scalar", "Pa", "solved pressure: without the reduced hydrostatic part", carried=True),
+        Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
+        Field("kernel_gradient_sum", "vector", "1/m", "S_i = sum of V_j grad_i W_ij over liquid and wall"),
+        Field("correction", "scalar", "m2", "potential of the position correction"),
+    )
+
+    def __init__(self, solver):
+        self.solver = solver
+        self.numerics = solver.settings.numerics
+        self.spacing = self.numerics.particle_spacing
+        self.search = solver.search
+        self.walls = solver.search.walls
+        self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
+        arrays = solver.particles.arrays
+        self.count = solver.particles.count
+        self.position, self.velocity, self.volume, self.mass = (
+            arrays[name] for name in ("position", "velocity", "volume", "mass"))
+        self.acceleration = arrays["acceleration"]
+        self.pressure, self.correction = arrays["pressure"], arrays["correction"]
+        self.compression_rate, self.gradient_sum = arrays["compression_rate"], arrays["kernel_gradient_sum"]
+        self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
+        self.volume_rate = arrays.get("volume_rate")
+        self.pressure_solver = PressureSolver(solver.particles, self.search, self.gradient_sum)
+        walls = max(self.walls.count, 1)
+        self.wall_compression = ti.field(real(), shape=walls)
+        self.wall_compression_rest = ti.field(real(), shape=walls)
+        self.compression_mean = ti.field(real(), shape=())
+        self.least_pressure = ti.field(real(), shape=())
+        self.largest_density = max(liquid.density for liquid in solver.settings.liquids)
+        self.least_density = min(liquid.density for liquid in solver.settings.liquids)
+
+    @ti.kernel
+    def _measure(self):
+        for i in range(self.count[None]):
+            total = self.volume[i] * self.search.kernel.at_zero
+            gradient = self.velocity[i] * 0.0
+            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                total += self.pairs.weight[k]
+                gradient += self.pairs.gradient[k]
+            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                total += self.wall_pairs.weight[k]
+                gradient += self.wall_pairs.gradient[k]
+            self.compression_rate[i] = total
+            self.gradient_sum[i] = gradient
+        for b in range(self.walls.count):
+            total = 0.0
+            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                total += self.wall_rows.weight[k]
+            self.wall_compression[b] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(self.count[None]):
+                total += self.compression_rate[i]
+            self.compression_mean[None] = total / self.count[None]
+
+    def measure(self) -> None:
+        """Compression rates, gradient sums and wall weights of the current neighbor rows."""
+        self._measure()
+        self.pressure_solver.update_wall_weights()
+
+    def set_rest_state(self) -> None:
+        """Take the present compression of the wall rows as that of rest (packed start)."""
+        self.wall_compression_rest.copy_from(self.wall_compression)
+
+    @ti.kernel
+    def _wall_hydrostatics(self, dt: float):
+        """Push of the wall by the part of its pressure that follows from the acceleration of the liquid."""
+        for b in range(self.walls.count):
+            total = 0.0
+            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                j = self.wall_rows.index[k]
+                distance = self.walls.position[b] - self.position[j]
+                density = self.mass[j] / self.volume[j]
+                total += self.wall_rows.weight[k] * density * self.acceleration[j].dot(distance)
+            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, total)
+        for i in range(self.count[None]):
+            force = self.velocity[i] * 0.0
+            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                force -= self.pressure_solver.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
+            self.velocity[i] += dt * self.volume[i] / self.mass[i] * force
+
+    @ti.kernel
+    def _set_velocity_right_side(self, dt: float):
+        for b in range(self.walls.count):
+            rate = self.pressure_solver.wall_rate(self.velocity, b)
+            if ti.static(self.volumes_change):
+                total = 0.0
+                for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                    j = self.wall_rows.index[k]
+                    total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
+                rate += self.pressure_solver._over_weight(b, total)
+            self.pressure_solver.wall_value[b] = rate
+        for i in range(self.count[None]):
+            rate = self.pressure_solver.volume_rate(self.velocity, i)
+            if ti.static(self.volumes_change):
+                total = self.volume_rate[i] * self.search.kernel.at_zero
+                for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                    j = self.pairs.index[k]
+                    total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
+                rate += self.volume[i] * total
+            self.pressure_solver.right_side[i] = rate / dt
+
+    @ti.kernel
+    def _least_pressure(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            least = self.pressure[0]
+            for i in range(self.count[None]):
+                least = ti.min(least, self.pressure[i])
+            self.least_pressure[None] = least
+
+    @ti.kernel
+    def _add(self, values: ti.template(), shift: float):
+        for i in range(self.count[None]):
+            values[i] += shift
+
+    def project(self, dt: float, largest_speed: float) -> dict[str, float]:
+        """Make the velocity free of divergence; return the solve's statistics."""
+        self._wall_hydrostatics(dt)
+        self._set_velocity_right_side(dt)
+        self._least_pressure()
+        # A constant pressure is in the null space; with the smallest at zero it acts as a background pressure that
+        # keeps particles from pairing.
+        limit = GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2
+        self._add(self.pressure, min(-self.least_pressure[None], limit))
+        tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
+        iterations, mean, largest = self.pressure_solver.solve(
+            self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
+            maximum_iterations=self.numerics.maximum_iterations)
+        self.pressure_solver.accelerate(self.pressure, self.velocity, dt, True)
+        return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
+                "pressure_limit_hit": float(iterations >= self.numerics.maximum_iterations)}
+
+    @ti.kernel
+    def _set_correction_right_side(self):
+        for b in range(self.walls.count):
+            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, self.wall_compression[b] - self.wall_compression_rest[b])
+        for i in range(self.count[None]):
+            error = self.compression_rate[i] - self.compression_mean[None] + self.pressure_solver.fold(i)
+            self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
+            self.correction[i] = 0.0
+
+    @ti.kernel
+    def _move(self, dt: float):
+        limit = CORRECTION_LIMIT * self.spacing
+        for b in range(self.walls.count):
+            self.pressure_solver.wall_value[b] = self.pressure_solver.extrapolated(self.correction, b)
+        for i in range(self.count[None]):
+            shift = self.pressure_solver.pressure_force(self.correction, i)
+            length = shift.norm()
+            self.position[i] += dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+
+    def advect(self, dt: float, largest_speed: float) -> None:
+        """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone."""
+        self._set_correction_right_side()
+        self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
+                                   maximum_iterations=CORRECTION_ITERATIONS)
+        self._add(self.correction, 0.5 * min(largest_speed * dt / self.spacing, SHIFT_LIMIT) * self.spacing**2)
+        self._move(dt)

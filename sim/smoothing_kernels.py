@@ -1,0 +1,57 @@
+"""Smoothing kernels W and their gradients as functions of q = r/h, h the support radius (methods: Wendland 1995;
+Monaghan 1992), normalized in 2D and 3D.
+
+Every formula carries a single power of 1/h, so that float32 holds at small h.
+"""
+import math
+
+import taichi as ti
+
+
+@ti.data_oriented
+class WendlandC2:
+    """W = s (1-q)^4 (4q+1), dW/dr = -(20 s/h) q (1-q)^3; s = 7/(pi h^2) in 2D and 21/(2 pi h^3) in 3D."""
+
+    def __init__(self, support_radius: float, dimension: int):
+        self.support_radius = support_radius
+        factor = {2: 7.0 / math.pi, 3: 10.5 / math.pi}[dimension]
+        self.scale = self.at_zero = factor / support_radius**dimension  # W(0)
+        self.gradient_scale = -20.0 * self.scale / support_radius**2
+
+    @ti.func
+    def value(self, r):
+        """W(r)."""
+        q = r / self.support_radius
+        s = ti.max(1.0 - q, 0.0)
+        return self.scale * (s * s) * (s * s) * (4.0 * q + 1.0)
+
+    @ti.func
+    def gradient_factor(self, r):
+        """(dW/dr)/r, finite at r = 0; the gradient at i is this times x_ij."""
+        s = ti.max(1.0 - r / self.support_radius, 0.0)
+        return self.gradient_scale * s * s * s
+
+
+@ti.data_oriented
+class CubicSpline:
+    """W = s (6(q^3-q^2)+1) up to q = 1/2, then 2s(1-q)^3; s = 40/(7 pi h^2) in 2D and 8/(pi h^3) in 3D."""
+
+    def __init__(self, support_radius: float, dimension: int):
+        self.support_radius = support_radius
+        factor = {2: 40.0 / (7.0 * math.pi), 3: 8.0 / math.pi}[dimension]
+        self.scale = self.at_zero = factor / support_radius**dimension  # W(0)
+        self.gradient_scale = 6.0 * self.scale / support_radius**2
+
+    @ti.func
+    def value(self, r):
+        """W(r)."""
+        q = r / self.support_radius
+        s = ti.max(1.0 - q, 0.0)
+        return self.scale * ti.select(q <= 0.5, 6.0 * q * q * (q - 1.0) + 1.0, 2.0 * s * s * s)
+
+    @ti.func
+    def gradient_factor(self, r):
+        """(dW/dr)/r, finite at r = 0; the gradient at i is this times x_ij."""
+        q = r / self.support_radius
+        s = ti.max(1.0 - q, 0.0)
+        return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))

@@ -1,0 +1,239 @@
+"""The solver: built from settings and arrays, advanced in time, exported and restored bit by bit."""
+import time
+
+import numpy as np
+import taichi as ti
+
+from sim import effects as effect_registry
+from sim import schemes
+from sim.fields import Field, ParticleStore
+from sim.neighbor_search import NeighborSearch
+from sim.runtime import real_numpy
+from sim.settings import Settings
+from sim.signed_distance import SignedDistance
+from sim.smoothing_kernels import WendlandC2
+
+BASE_FIELDS = (
+    Field("id", "integer", "", "number of the particle, kept for life", carried=True),
+    Field("phase", "integer", "", "index of the liquid", carried=True),
+    Field("position", "vector", "m", "position", carried=True),
+    Field("velocity", "vector", "m/s", "velocity", carried=True),
+    Field("volume", "scalar", "m3", "rest volume V_i", carried=True),
+    Field("mass", "scalar", "kg", "mass", carried=True),
+    Field("acceleration", "vector", "m/s2", "sum of the accelerations other than pressure and implicit viscosity"),
+)
+
+
+class Divergence(RuntimeError):
+    """The run went bad; the message names step, particle and quantity."""
+
+
+@ti.data_oriented
+class Solver:
+    """Multiphase SPH in a closed cavity.
+
+    Parameters
+    ----------
+    settings : liquids, numerics and active effects.
+    fluid_position, fluid_volume, fluid_phase : (n, d), (n,), (n,) arrays of the liquid particles, SI.
+    wall_position, wall_volume, wall_depth : (m, d), (m,), (m,) arrays of the wall particles, SI.
+    sdf_values, sdf_origin, sdf_cell : signed distance of the cavity, negative inside.
+    cavity_volume : m^3 (m^2 in 2D).
+    """
+
+    def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
+                 wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume):
+        self.settings = settings
+        numerics = settings.numerics
+        self.dimension = settings.dimension
+        self.spacing = numerics.particle_spacing
+        self.cavity_volume = float(cavity_volume)
+        self.liquids = settings.liquids
+        self.rest_volume = float(np.mean(fluid_volume))
+        self.support_radius = numerics.support_ratio * self.spacing
+        self.kernel = WendlandC2(self.support_radius, self.dimension)
+        self.distance = SignedDistance(np.asarray(sdf_values), sdf_origin, sdf_cell)
+        self.time, self.step_count, self.next_id = 0.0, 0, len(fluid_position)
+        self.statistics: dict[str, float] = {}
+        self.seconds: dict[str, float] = {}
+
+        order = [type(p) for p in settings.effects]
+        classes = [c for c in effect_registry.REGISTRY.values() if c.Parameters in order]
+        active = {c.name for c in classes}
+        for c in classes:
+            for needed in c.requires:
+                if needed not in active:
+                    raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
+        scheme = schemes.REGISTRY[numerics.scheme]
+        fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
+        capacity = int(1.02 * len(fluid_position)) + 512  # head room for seeds of an injection
+        self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
+        reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
+        walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
+        self.search = NeighborSearch(self.particles, walls, self.kernel, walls[0].min(0), walls[0].max(0), self.spacing)
+        self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
+        for name in ("position", "velocity", "acceleration"):
+            setattr(self, name, self.particles.arrays[name])
+        self.count = self.particles.count
+        self.largest = ti.field(ti.f64, shape=4)
+        self._set_particles(fluid_position, fluid_volume, fluid_phase)
+        parameters = {type(p): p for p in settings.effects}
+        self.effects = [c(parameters[c.Parameters], self) for c in classes]
+        self.scheme = scheme(self)
+        for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration"):
+            setattr(self, f"{hook}_effects", [e for e in self.effects if e.overrides(hook)])
+        self._prepare_rest_state()
+
+    def _set_particles(self, position, volume, phase):
+        n = len(position)
+        self.count[None] = n
+        density = np.array([liquid.density for liquid in self.liquids])
+        for name, values in (("id", np.arange(n)), ("phase", phase), ("position", position), ("volume", volume),
+                             ("mass", np.asarray(volume) * density[np.asarray(phase)])):
+            self.particles.from_numpy(name, values)
+
+    def _prepare_rest_state(self):
+        self.search.sort()
+        self.search.build()
+        self.scheme.measure()
+        self.scheme.set_rest_state()
+
+    @ti.kernel
+    def _largest_values(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            speed = ti.cast(0.0, ti.f64)
+            acceleration = ti.cast(0.0, ti.f64)
+            total = ti.cast(0.0, ti.f64)
+            for i in range(self.count[None]):
+                v2 = ti.cast(self.velocity[i].norm_sqr(), ti.f64)
+                speed = ti.max(speed, v2)
+                acceleration = ti.max(acceleration, ti.cast(self.acceleration[i].norm_sqr(), ti.f64))
+                total += v2
+            self.largest[0] = ti.sqrt(speed)
+            self.largest[1] = ti.sqrt(acceleration)
+            self.largest[2] = total
+
+    @ti.kernel
+    def _accelerate(self, dt: float):
+        for i in range(self.count[None]):
+            a = self.velocity[i] * 0.0
+            for effect in ti.static(self.body_acceleration_effects):
+                a += effect.body_acceleration(i)
+            if ti.static(len(self.pair_acceleration_effects) > 0):
+                for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                    j = self.pairs.index[k]
+                    x_ij = self.position[i] - self.position[j]
+                    for effect in ti.static(self.pair_acceleration_effects):
+                        a += effect.pair_acceleration(i, j, x_ij, self.pairs.gradient[k], self.pairs.weight[k])
+            if ti.static(len(self.wall_acceleration_effects) > 0):
+                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                    b = self.wall_pairs.index[k]
+                    x_ib = self.position[i] - self.walls.position[b]
+                    for effect in ti.static(self.wall_acceleration_effects):
+                        a += effect.wall_acceleration(i, b, x_ib, self.wall_pairs.gradient[k],
+                                                      self.wall_pairs.weight[k])
+            self.acceleration[i] = a
+            self.velocity[i] += dt * a
+
+    def stable_time_step(self) -> float:
+        """Smallest limit of the scheme and of the active effects, s."""
+        numerics = self.settings.numerics
+        speed, acceleration = self.largest[0], self.largest[1]
+        limits = [numerics.maximum_time_step]
+        if speed > 0.0:
+            limits.append(numerics.courant_number * self.spacing / speed)
+        if acceleration > 0.0:
+            limits.append(0.25 * (self.spacing / acceleration) ** 0.5)
+        limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
+        return min(limits)
+
+    def _timed(self, name, function, *arguments):
+        start = time.perf_counter()
+        result = function(*arguments)
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        return result or {}
+
+    def _run(self, hook: str, *arguments) -> dict:
+        """Call a host hook of every effect that has it, each on its own timing row."""
+        statistics = {}
+        for effect in self.effects:
+            if effect.overrides(hook):
+                statistics |= self._timed(effect.name, getattr(effect, hook), *arguments)
+        return statistics
+
+    def step(self, largest_step: float = float("inf")) -> float:
+        """Advance by one time step of at most `largest_step`; return the step taken, s.
+
+        Raises
+        ------
+        Divergence
+            When a speed is no longer finite or the time step falls below the smallest allowed.
+        """
+        self._largest_values()
+        self._check()
+        dt = min(self.stable_time_step(), largest_step)
+        if dt < self.settings.numerics.minimum_time_step and dt < largest_step:
+            raise Divergence(f"step {self.step_count}: the time step fell to {dt:.3g} s, below "
+                             f"{self.settings.numerics.minimum_time_step:.3g} s (numerics.minimum_time_step); "
+                             f"largest speed {self.largest[0]:.3g} m/s, acceleration {self.largest[1]:.3g} m/s2")
+        self._run("exchange", dt)
+        self._timed("neighbors", self.search.sort)
+        self._timed("neighbors", self.search.build)
+        self._timed("pressure", self.scheme.measure)
+        self._run("prepare", dt)
+        self._timed("accelerations", self._accelerate, dt)
+        statistics = self._run("correct_velocity", dt)
+        self._largest_values()
+        statistics |= self._timed("pressure", self.scheme.project, dt, self.largest[0])
+        self._timed("position correction", self.scheme.advect, dt, self.largest[0])
+        self._run("finish", dt)
+        self.time += dt
+        self.step_count += 1
+        self.statistics = {"time_step": dt, **statistics}
+        return dt
+
+    def _check(self):
+        if not np.isfinite(self.largest[2]):
+            velocity = self.particles.to_numpy("velocity")
+            bad = int(np.flatnonzero(~np.isfinite(velocity).all(1))[0])
+            raise Divergence(f"step {self.step_count}: the velocity of particle {self.particles.to_numpy('id')[bad]} "
+                             f"at {self.particles.to_numpy('position')[bad]} m is not finite")
+
+    def advance(self, until: float):
+        """Advance to the time `until`, s, exactly; yields after every step."""
+        while self.time < until:
+            remaining = until - self.time
+            limit = remaining if self.step_count == 0 else self.stable_time_step()
+            # Equal steps to the end: no sliver of a step before a frame.
+            steps = max(1, int(np.ceil(remaining / limit - 1e-9)))
+            dt = self.step(remaining / steps)
+            if remaining - dt < 1e-9 * self.settings.numerics.maximum_time_step:
+                self.time = until
+            yield dt
+
+    def state(self) -> dict:
+        """Everything a restart needs, bit by bit."""
+        arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
+                  for f in self.particles.declared.values() if f.carried}
+        state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
+                 "wall_compression_rest": self.scheme.wall_compression_rest.to_numpy(),
+                 "acceleration": self.particles.to_numpy("acceleration"), **arrays}
+        for effect in self.effects:
+            state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
+        return state
+
+    def restore(self, state: dict) -> None:
+        """Take up a state; fields that it lacks (effects new to this scene) keep their start values."""
+        self.time, self.step_count = float(state["time"]), int(state["step_count"])
+        self.next_id = int(state["next_id"])
+        self.count[None] = len(state["particles.id"])
+        for field in self.particles.declared.values():
+            if f"particles.{field.name}" in state:
+                self.particles.from_numpy(field.name, state[f"particles.{field.name}"])
+        self.particles.from_numpy("acceleration", state["acceleration"])
+        self.scheme.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
+        for effect in self.effects:
+            prefix = f"{effect.name}."
+            effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
+        self._largest_values()
