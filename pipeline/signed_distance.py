@@ -30,7 +30,7 @@ class SignedDistance:
     cell: float
 
     def sample(self, points: np.ndarray) -> np.ndarray:
-        """Multilinear interpolation at points (n, D) in m; returns (n,) in m. Outside the grid the border value holds."""
+        """Interpolate linearly at points (n, D) in m; returns (n,) in m. Outside the grid the border value holds."""
         coordinates = (np.asarray(points, float) - self.origin).T / self.cell
         return map_coordinates(self.values, coordinates, order=1, mode="nearest")
 

@@ -6,8 +6,9 @@ from skimage.measure import marching_cubes
 from pipeline.signed_distance import SignedDistance
 
 NEIGHBORS = 9           # nearest points that repel; on an even surface 6 touch
-REACH = 1.7             # range of the repulsion in spacings: beyond the first ring of neighbors
-SWEEPS = 60             # repulsion steps; the smallest spacing stops growing after about 40
+REACH = 1.3             # range of the repulsion in spacings; the distance in a hexagonal layer is 1.07
+STEP = 0.5              # displacement per unit of repulsion in spacings; twice as much makes the points oscillate
+SWEEPS = 60             # repulsion steps; twice as many raise the smallest spacing by 0.02 spacings
 
 
 def wall_layers(distance: SignedDistance, particle_spacing: float, layers: int) -> dict[str, np.ndarray]:
@@ -47,7 +48,7 @@ def even_points(distance: SignedDistance, level: float, spacing: float) -> np.nd
             _, neighbors = cKDTree(points).query(points, k=min(NEIGHBORS + 1, len(points)), workers=-1)
         separation = points[:, None] - points[neighbors[:, 1:]]
         length = np.maximum(np.linalg.norm(separation, axis=-1), 1e-6 * spacing)
-        strength = np.clip(1.0 - length / (REACH * spacing), 0.0, None) ** 2
+        strength = STEP * np.clip(1.0 - length / (REACH * spacing), 0.0, None) ** 2
         push = (separation * (strength / length)[..., None]).sum(axis=1) * spacing
         size = np.linalg.norm(push, axis=1, keepdims=True)
         push *= np.minimum(1.0, 0.2 * spacing / np.maximum(size, 1e-12 * spacing))     # no point jumps over another

@@ -1,0 +1,100 @@
+"""Stage: the closed surface of the vitreous cavity, parametric or from a user's mesh."""
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pyvista
+import trimesh
+
+from pipeline.cli import run
+from pipeline.defect_picture import picture_of_defect
+from pipeline.errors import UserError
+from pipeline.eye_shape import eye_mesh, eye_shape, published_volume
+from pipeline.files import replacing, write_text
+from pipeline.mesh_import import MeshRefused, import_mesh
+from pipeline.scene import load_resolved
+from pipeline.scene_model import Eye
+
+
+def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
+    """Surface of the cavity in m, and what the report says about its origin.
+
+    Raises
+    ------
+    UserError : a mesh without a path, or one that cannot be used (``pipeline.mesh_import``).
+    """
+    if eye.model == "parametric":
+        shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
+                          vertical_diameter=eye.vertical_diameter)
+        mesh, published = eye_mesh(shape), published_volume(eye.axial_length)
+        return mesh, {
+            "model": "parametric", "lens": eye.lens, "axial_length": eye.axial_length,
+            "diameters": (2.0 * shape.half_axes).tolist(), "published_volume": published,
+            "deviation_from_published": mesh.volume / published - 1.0,
+        }
+    if not eye.path:
+        raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
+    imported = import_mesh(eye.path, eye.unit, eye.force)
+    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
+
+
+def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
+    """Report of the stage: origin, size and quality of the surface, in SI units."""
+    return source | {
+        "volume": float(mesh.volume), "area": float(mesh.area), "triangles": len(mesh.faces),
+        "watertight": bool(mesh.is_watertight), "bounds": mesh.bounds.tolist(),
+    }
+
+
+def write_mesh(mesh: trimesh.Trimesh, path: str | Path) -> None:
+    """Write a surface in m as VTK polydata with double precision."""
+    with replacing(path) as temporary:
+        pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).save(temporary)
+
+
+def read_mesh(path: str | Path) -> trimesh.Trimesh:
+    """Read a surface that ``write_mesh`` wrote.
+
+    Raises
+    ------
+    UserError : the file is missing or is no closed surface.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
+    surface = pyvista.read(path)
+    mesh = trimesh.Trimesh(surface.points, surface.regular_faces, process=False)
+    if not mesh.is_watertight:
+        raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")
+    return mesh
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m pipeline.eye", description=__doc__)
+    parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
+    parser.add_argument("--output", type=Path, required=True, help="surface to write (eye.vtp)")
+    parser.add_argument("--report", type=Path, required=True, help="report to write (eye.json)")
+    parser.add_argument("--picture", type=Path, help="picture of a defect that cannot be repaired "
+                                                     "(default: eye_defects.png beside the report)")
+    arguments = parser.parse_args()
+    picture = arguments.picture or arguments.report.with_name("eye_defects.png")
+    start = time.perf_counter()
+    try:
+        mesh, source = cavity_mesh(load_resolved(arguments.scene).eye)
+    except MeshRefused as refused:
+        drawn = picture_of_defect(refused.mesh, refused.segments, picture)
+        place = f"see {picture}" if drawn else "no picture of the place: OpenGL is not available"
+        raise UserError(f"{refused}; {place}") from refused
+    picture.unlink(missing_ok=True)
+    report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
+    write_mesh(mesh, arguments.output)
+    write_text(arguments.report, json.dumps(report, indent=2) + "\n")
+    for sentence in report.get("repairs", ()):
+        print(f"repair: {sentence}")
+    print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")
+
+
+if __name__ == "__main__":
+    run(main)
