@@ -138,8 +138,8 @@ def check_unit(path: str | Path, extents: np.ndarray, unit: str) -> None:
     likely = [candidate for candidate in UNITS if fits(candidate)]
     advice = f"the file is probably in {likely[0]}: set eye.unit: {likely[0]}" if likely else \
         "no unit makes it the size of an eye (eye.force: true accepts any size)"
-    raise UserError(f"{path} (eye.unit: {unit}): the surface measures {size} mm, but an eye's cavity is 15 to 40 mm wide; "
-                    f"{advice}")
+    raise UserError(f"{path} (eye.unit: {unit}): the surface measures {size} mm, but an eye's cavity is 15 to 40 mm "
+                    f"wide; {advice}")
 
 
 def repair(mesh: trimesh.Trimesh, name: str) -> tuple[trimesh.Trimesh, list[str]]:
