@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.scene_files import read_yaml
 from pipeline.scene_model import Material
-from pipeline.scene_reader import FAILED, Errors, Key, Reader, nearest
+from pipeline.scene_reader import FAILED, Errors, Key, Reader, describe, nearest
 from pipeline.units import is_kinematic_viscosity, parse_quantity
 
 PROPERTIES = tuple(field.name for field in dataclasses.fields(Material) if field.name != "name")
@@ -30,14 +30,15 @@ def load_materials(path: Path) -> dict[str, Material]:
 def read_liquids(data: Any, materials: Mapping[str, Material], reader: Reader, errors: Errors) -> Any:
     """Return the tuple of liquids that ``liquids`` of a scene names, in its order, with the scene's changes."""
     key = ("liquids",)
-    if not reader.is_mapping(data, key):
+    if not isinstance(data, dict):
+        errors.add(key, f"is {describe(data)}, but must be a list of liquids, or a mapping of them to changes")
         return FAILED
     for name in [name for name in data if name not in materials]:
         errors.add((*key, name), f"is no liquid of materials.yaml{nearest(name, materials)}; known are "
                                  f"{', '.join(materials)}")
     liquids = tuple(_read_material(name, change, (*key, name), reader, materials[name])
                     for name, change in data.items() if name in materials)
-    return FAILED if FAILED in liquids or len(liquids) < len(data) else liquids
+    return liquids if len(liquids) == len(data) else FAILED
 
 
 def _read_material(name: str, data: Any, key: Key, reader: Reader, base: Material | None = None) -> Any:

@@ -14,7 +14,7 @@ from pipeline.materials import load_materials, read_liquids
 from pipeline.scene_checks import check
 from pipeline.scene_files import read_extended, read_yaml, sibling
 from pipeline.scene_model import SCENE_KEYS, Eye, Initial, Material, Scene
-from pipeline.scene_reader import FAILED, Errors, Reader, describe, nearest
+from pipeline.scene_reader import FAILED, Errors, Incomplete, Reader, describe, nearest
 from pipeline.scene_schema import list_text, schema_text
 from sim.settings import Numerics
 
@@ -63,9 +63,9 @@ def load_resolved(path: str | Path) -> Scene:
     liquids = data.get("liquids") if isinstance(data, dict) else None
     names = [liquid.get("name") for liquid in liquids if isinstance(liquid, dict)] if isinstance(liquids, list) else []
     scene = Reader(errors, names).record(Scene, data)
-    if scene is not FAILED:
-        for key, message in check(vars(scene)):
-            errors.add(key, message)
+    errors.raise_any()
+    for key, message in check(vars(scene)):
+        errors.add(key, message)
     errors.raise_any()
     return scene
 
@@ -117,7 +117,7 @@ class _Resolver:
             if field.name not in parts:
                 parts[field.name] = reader.field(field, data.get(field.name, dataclasses.MISSING), (field.name,))
         parts = {name: value for name, value in parts.items() if value is not FAILED}
-        if "initial" in parts and "liquids" in parts and parts["initial"] == Initial():
+        if parts.get("liquids") and parts.get("initial") == Initial():
             parts["initial"] = Initial(liquid=parts["liquids"][0].name)
         return parts
 
@@ -131,10 +131,12 @@ class _Resolver:
         must = f"but must be as in {start.name}, from which this scene starts"
         if "liquids" in parts and (names := _names(parts["liquids"])) != _names(start.liquids):
             errors.add(("liquids",), f"are {', '.join(names)}, {must}: {', '.join(_names(start.liquids))}")
-        if "numerics" in parts and (spacing := parts["numerics"].particle_spacing) != start.numerics.particle_spacing:
-            errors.add(("numerics", "particle_spacing"), f"is {spacing:g} m, {must}: {start.numerics.particle_spacing:g} m")
+        if "numerics" in parts:
+            spacing, expected = (numerics.particle_spacing for numerics in (parts["numerics"], start.numerics))
+            if spacing != expected:
+                errors.add(("numerics", "particle_spacing"), f"is {1e3 * spacing:g} mm, {must}: {1e3 * expected:g} mm")
         for name in ("dimension", "eye"):
-            if name in parts and parts[name] != getattr(start, name):
+            if name in parts and not isinstance(parts[name], Incomplete) and parts[name] != getattr(start, name):
                 errors.add((name,), f"is different, {must}")
 
 

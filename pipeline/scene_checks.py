@@ -3,13 +3,15 @@
 Every check is a function whose arguments name the parts of the scene that it looks at, and which yields the key and the
 message of every error. A check whose parts could not be read is left out: their errors are reported already.
 """
+import contextlib
 import inspect
+import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from pipeline.scene_model import Eye, Initial, Material, Output
-from pipeline.scene_reader import Key
+from pipeline.scene_reader import Key, NotRead
 from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
@@ -21,8 +23,17 @@ CONFLICTS = (
     ("interface_tension", "curvature", "both pull the interface together"),
 )
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
+MOST_FRAMES = 100_000
 MOST_PARTICLES = 5e7  # the fields of so many fill about 20 GB
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
+
+
+_CHECKS: list[Callable[..., Found]] = []
+
+
+def _check(function: Callable[..., Found]) -> Callable[..., Found]:
+    _CHECKS.append(function)
+    return function
 
 
 def check(parts: Mapping[str, object]) -> Found:
@@ -30,20 +41,24 @@ def check(parts: Mapping[str, object]) -> Found:
     for function in _CHECKS:
         names = inspect.signature(function).parameters
         if names.keys() <= parts.keys():
-            yield from function(**{name: parts[name] for name in names})
+            with contextlib.suppress(NotRead):
+                yield from function(**{name: parts[name] for name in names})
 
 
+@_check
 def _name_fits_into_paths(name: str) -> Found:
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         yield (), f'a scene named "{name}" cannot name a folder, use letters, digits, "_" and "-"'
 
 
+@_check
 def _colors(liquids: tuple[Material, ...]) -> Found:
     for liquid in liquids:
         if not re.fullmatch(r"#[0-9a-fA-F]{6}", liquid.color):
             yield ("liquids", liquid.name, "color"), f'is "{liquid.color}", but must be of the form "#rrggbb"'
 
 
+@_check
 def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
     if not liquids:
         yield ("liquids",), "is empty, but must name one liquid at least"
@@ -52,21 +67,24 @@ def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
             yield ("effects", name), "needs two liquids at least, but the scene has one"
 
 
+@_check
 def _effects_do_not_conflict(effects: dict) -> Found:
     for first, second, reason in CONFLICTS:
         if effects.keys() >= {first, second}:
             yield ("effects", second), f"cannot be used together with {first}: {reason}; remove one of them"
 
 
+@_check
 def _turns_follow_each_other(effects: dict) -> Found:
     turns = effects["gravity"].turns if "gravity" in effects else ()
-    for index, (turn, following) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
+    for index, (turn, following) in enumerate(itertools.pairwise(turns)):
         end = turn.start + turn.duration
         if following.start < end - 1e-9:
             yield (("effects", "gravity", "turns", index + 1, "start"),
                    f"is {following.start:g} s, but the turn before ends at {end:g} s, and turns must not overlap")
 
 
+@_check
 def _injection_exchanges(effects: dict) -> Found:
     injection = effects.get("injection")
     if injection and injection.liquid == injection.drained_liquid:
@@ -76,6 +94,7 @@ def _injection_exchanges(effects: dict) -> Found:
         yield ("effects", "injection", "drain"), "is where the cannula is, but must be away from it"
 
 
+@_check
 def _injection_starts_in_time(effects: dict, output: Output) -> Found:
     injection = effects.get("injection")
     if injection and injection.start >= output.duration:
@@ -83,6 +102,19 @@ def _injection_starts_in_time(effects: dict, output: Output) -> Found:
                f"is {injection.start:g} s, but the scene ends at {output.duration:g} s")
 
 
+@_check
+def _injection_has_room(initial: Initial, effects: dict, start_from: str | None) -> Found:
+    injection = effects.get("injection")
+    if not injection or start_from is not None:
+        return
+    fill = initial.fill if initial.fill is not None else {initial.liquid: 1.0}
+    if fill.get(injection.liquid, 0.0) >= injection.fill:
+        yield (("effects", "injection", "fill"),
+               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * fill[injection.liquid]:g} % of the "
+               "cavity at the start")
+
+
+@_check
 def _initial_is_full(initial: Initial) -> Found:
     if initial.fill is None:
         return
@@ -93,11 +125,13 @@ def _initial_is_full(initial: Initial) -> Found:
         yield ("initial", "fill"), f"adds up to {100 * total:g} %, but a closed cavity must be filled to 100 %"
 
 
+@_check
 def _level_needs_gravity(initial: Initial, effects: dict) -> Found:
     if initial.fill is not None and "gravity" not in effects:
         yield ("initial", "fill"), "stacks liquids by weight, but the scene has no effect gravity"
 
 
+@_check
 def _eye_is_one_model(eye: Eye) -> Found:
     if eye.model == "mesh" and eye.path is None:
         yield ("eye", "path"), "is missing, but an eye of model mesh must name its mesh file"
@@ -105,6 +139,7 @@ def _eye_is_one_model(eye: Eye) -> Found:
         yield ("eye", "path"), "is given, but model is parametric; use model: mesh to read a mesh file"
 
 
+@_check
 def _spacing_fits_eye(eye: Eye, numerics: Numerics, dimension: int) -> Found:
     if eye.model != "parametric":
         return
@@ -120,6 +155,7 @@ def _spacing_fits_eye(eye: Eye, numerics: Numerics, dimension: int) -> Found:
                f"is {1000 * numerics.particle_spacing:g} mm, but must be {limit}")
 
 
+@_check
 def _time_steps_are_ordered(numerics: Numerics) -> Found:
     if numerics.minimum_time_step >= numerics.maximum_time_step:
         yield (("numerics", "minimum_time_step"),
@@ -127,20 +163,17 @@ def _time_steps_are_ordered(numerics: Numerics) -> Found:
                f"{numerics.maximum_time_step:g} s")
 
 
+@_check
 def _frames_end_with_the_scene(output: Output) -> Found:
     count = output.duration / output.frame_interval
     if round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
+    elif count > MOST_FRAMES:
+        yield ("output", "frame_interval"), f"gives {count:.0f} frames, but at most {MOST_FRAMES} can be saved"
 
 
+@_check
 def _movie_size_is_even(output: Output) -> Found:
     if any(size % 2 for size in output.image_size):
         yield ("output", "image_size"), f"is {list(output.image_size)}, but movies need even numbers"
-
-
-_CHECKS = (
-    _name_fits_into_paths, _colors, _liquids_are_enough, _effects_do_not_conflict, _turns_follow_each_other,
-    _injection_exchanges, _injection_starts_in_time, _initial_is_full, _level_needs_gravity, _eye_is_one_model,
-    _spacing_fits_eye, _time_steps_are_ordered, _frames_end_with_the_scene, _movie_size_is_even,
-)

@@ -105,17 +105,16 @@ def _named_once(names: list, path: Path, errors: Errors) -> _Replacing:
 
 
 def _merge(base: Any, change: Any, key: Key, file: Path, errors: Errors) -> Any:
-    errors.origins[key] = file
     if not isinstance(change, dict):
         return change
     merged = dict(base) if isinstance(base, dict) and not isinstance(change, _Replacing) else {}
     for name, value in change.items():
+        errors.origins[*key, name] = file
         if value is not None:
             merged[name] = _merge(merged.get(name), value, (*key, name), file, errors)
         elif name in merged:
             del merged[name]
         else:
-            errors.origins[*key, name] = file
-            errors.add((*key, name), "is empty, which removes what is inherited, but nothing is inherited here; write {} "
-                                     "for an entry that has only defaults")
+            errors.add((*key, name), "is empty, which removes what is inherited, but nothing is inherited; "
+                                     "write {} for an entry that has only defaults")
     return merged

@@ -53,32 +53,32 @@ class Output:
     duration: float = parameter(unit="s", exclusive_minimum=0.0, maximum=3600.0, meaning="simulated time")
     frame_interval: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="time between saved frames")
     frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
-    cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="cell of the surface grid per particle spacing")
+    cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
     contour: str = parameter("flying_edges", choices=("flying_edges", "marching_cubes"), meaning="surface algorithm")
     smoothing_iterations: int = parameter(20, minimum=0, maximum=1000, meaning="passes of the surface smoothing")
     image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
     formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
     """One experiment, ready to run; the order of ``liquids`` gives the phase indices."""
 
     name: str = parameter(meaning="name of the scene, from its file")
-    accuracy: str = parameter(meaning="accuracy level that gave the numerics")
-    liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
-    numerics: Numerics = parameter(meaning="how the equations are solved")
-    output: Output = parameter(meaning="what is saved and drawn")
     title: str = parameter("", meaning="heading of the pictures and of the report")
     description: str = parameter("", meaning="what the scene shows")
     label: str = parameter("", meaning="line drawn in every picture, for example a time-lapse warning")
+    accuracy: str = parameter(meaning="accuracy level that gave the numerics")
     dimension: int = parameter(3, minimum=2, maximum=3, meaning="dimensions of space")
     start_from: str | None = parameter(None, meaning="scene whose last checkpoint is the start")
     eye: Eye = parameter(Eye(), meaning="the cavity")
+    liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
     initial: Initial = parameter(Initial(), meaning="what fills the cavity at the start")
     effects: dict[str, object] = dataclasses.field(
         default_factory=dict,
         metadata={"meaning": "physics beside pressure", "kinds": {n: e.Parameters for n, e in REGISTRY.items()}})
+    numerics: Numerics = parameter(meaning="how the equations are solved")
+    output: Output = parameter(meaning="what is saved and drawn")
 
     @property
     def frame_count(self) -> int:

@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from pipeline.units import parse_quantity
 
 Key = tuple[str | int, ...]
-FAILED = object()  # what reading returns where an error was collected
+FAILED = object()  # stands for a value that could not be read; its error is collected
 
 # Why a parameter cannot be left out, where its meaning does not say so.
 _REASONS = {
@@ -22,6 +22,20 @@ _REASONS = {
     ("injection", "drained_liquid"): "the closed cavity is full and liquids are incompressible, so as much must leave "
                                      "as enters",
 }
+
+
+class NotRead(Exception):
+    """A field of an incomplete record was asked for."""
+
+
+class Incomplete:
+    """A record with fields that could not be read: the others can still be checked, before the errors are raised."""
+
+    def __init__(self, values: Mapping[str, Any]):
+        vars(self).update((name, value) for name, value in values.items() if value is not FAILED)
+
+    def __getattr__(self, name: str) -> Any:
+        raise NotRead(name)
 
 
 class Errors:
@@ -44,7 +58,8 @@ class Errors:
     def add(self, key: Key, message: str) -> None:
         """Collect "<file>: <key> <message>"."""
         parents = (key[:length] for length in range(len(key), 0, -1))
-        file = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
+        origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
+        file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
         self.messages.append(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
 
     def raise_any(self) -> None:
@@ -67,20 +82,17 @@ class Reader:
         self._liquids = tuple(liquids) or None
 
     def record(self, cls: type, data: Any, key: Key = (), base: Any = None) -> Any:
-        """Return an instance of the dataclass ``cls``; what ``data`` leaves out is taken from ``base``, if given."""
+        """Return an instance of the dataclass ``cls``, or an ``Incomplete`` one.
+
+        What ``data`` leaves out is taken from ``base``, if given.
+        """
         if not self.is_mapping(data, key):
             return FAILED
         fields = {field.name: field for field in dataclasses.fields(cls)}
         self.refuse_unknown(data, fields, key)
         values = {name: self.field(field, data.get(name, dataclasses.MISSING), (*key, name), base)
                   for name, field in fields.items()}
-        if FAILED in values.values():
-            return FAILED
-        try:
-            return cls(**values)
-        except ValueError as error:  # what a dataclass finds wrong with its fields together
-            self._errors.add(key, str(error))
-            return FAILED
+        return Incomplete(values) if FAILED in values.values() else cls(**values)
 
     def field(self, field: dataclasses.Field, data: Any, key: Key, base: Any = None) -> Any:
         """Return the value of one field of a dataclass: from ``data``, from ``base`` or its default."""
@@ -125,12 +137,12 @@ class Reader:
             kind, metadata, data, key)
 
     def _chosen_records(self, kinds: Mapping[str, type], data: Any, key: Key) -> Any:
-        """Read a mapping whose keys choose the dataclass; what fails is left out, so that the rest can be checked."""
+        """Read a mapping whose keys choose the dataclass."""
         if not self.is_mapping(data, key):
             return FAILED
         self.refuse_unknown(data, kinds, key)
         records = {name: self.record(kinds[name], data[name], (*key, name)) for name in kinds if name in data}
-        return {name: record for name, record in records.items() if record is not FAILED}
+        return {name: Incomplete({}) if record is FAILED else record for name, record in records.items()}
 
     def _tuple(self, kinds: tuple, metadata: Mapping, data: Any, key: Key) -> Any:
         if not isinstance(data, (list, tuple)):
@@ -188,8 +200,11 @@ def dotted(key: Key) -> str:
 
 def nearest(word: Any, names: Iterable[str]) -> str:
     """Return ", did you mean <name>?" for the name that is most like ``word``, or nothing."""
-    matches = difflib.get_close_matches(str(word).lower(), names, n=1)
-    return f" (did you mean {matches[0]}?)" if matches else ""
+    word = str(word).lower()
+    matches = difflib.get_close_matches(word, names, n=5)
+    # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
+    best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
+    return f" (did you mean {best}?)" if best else ""
 
 
 def describe(data: Any) -> str:

@@ -1,7 +1,6 @@
 """What scene files may say, for editors (JSON schema) and for readers (lists); both come from the declared fields."""
 import dataclasses
 import json
-import textwrap
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -28,8 +27,7 @@ def schema_text(materials: Mapping[str, Material]) -> str:
         "description": "liquids; the first is phase 0",
         "anyOf": [
             {"type": "array", "items": {"enum": list(materials)}, "minItems": 1, "uniqueItems": True},
-            {"type": "object", "properties": {name: _or_null(change) for name in materials},
-             "additionalProperties": False},
+            {"type": "object", "propertyNames": {"enum": list(materials)}, "additionalProperties": _or_null(change)},
         ],
     }
     schema = {
@@ -46,7 +44,7 @@ def list_text(materials: Mapping[str, Material], levels: Mapping[str, Numerics])
     """Return effects with their parameters, liquids and accuracy levels, in words."""
     lines = ["Effects"]
     for name, effect in REGISTRY.items():
-        lines += [f"  {name}", textwrap.indent((effect.Parameters.__doc__ or "").strip().split("\n")[0], "    ")]
+        lines += [f"  {name}", f"    {_first_line(effect.Parameters)}"]
         lines += [f"      {line}" for line in _field_lines(effect.Parameters)]
     lines += ["", "Numerics"] + [f"  {line}" for line in _field_lines(Numerics)]
     lines += ["", "Accuracy levels"]
@@ -72,6 +70,10 @@ def _field_lines(record: type) -> list[str]:
     return lines
 
 
+def _first_line(record: type) -> str:
+    return record.__doc__.strip().split("\n")[0]
+
+
 def _shown(value: Any) -> str:
     return "none" if value in (None, ()) else f"{value:g}" if isinstance(value, float) else str(value)
 
@@ -94,7 +96,7 @@ def _type_schema(kind: Any, metadata: Mapping[str, Any], liquids: Sequence[str])
     if dataclasses.is_dataclass(kind):
         return _record_schema(kind, liquids)
     if "kinds" in metadata:
-        kinds = {name: {"description": record.__doc__.strip().split("\n")[0], **_or_null(_record_schema(record, liquids))}
+        kinds = {name: {"description": _first_line(record), **_or_null(_record_schema(record, liquids))}
                  for name, record in metadata["kinds"].items()}
         return {"type": "object", "properties": kinds, "additionalProperties": False}
     if origin is tuple:
@@ -102,7 +104,7 @@ def _type_schema(kind: Any, metadata: Mapping[str, Any], liquids: Sequence[str])
         return {"type": "array", "items": _type_schema(arguments[0], metadata, liquids), **length}
     if origin is dict:
         value = _type_schema(arguments[1], {**metadata, "liquid": False}, liquids)
-        return {"type": "object", "properties": {name: value for name in liquids}, "additionalProperties": False}
+        return {"type": "object", "propertyNames": {"enum": list(liquids)}, "additionalProperties": _or_null(value)}
     if kind is bool:
         return {"type": "boolean"}
     if kind is str:
