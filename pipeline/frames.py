@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing
 
@@ -309,6 +310,4 @@ def _show(frame: FrameData) -> None:
 
 
 if __name__ == "__main__":
-    from pipeline.cli import run
-
     run(main)

@@ -1,0 +1,89 @@
+"""Closed triangle meshes from a field on a grid, and what can be told about them."""
+import dataclasses
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+# A node that is exactly on the level gives triangles without area, which open when vertices are merged.
+LEVEL_MARGIN = 1e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class TriangleMesh:
+    """Triangles with outward direction: ``vertices`` (v, 3) float64 in m, ``triangles`` (t, 3) int."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume, m**3."""
+        if not len(self.triangles):
+            return 0.0
+        a, b, c = np.moveaxis((self.vertices - self.vertices.mean(axis=0))[self.triangles], 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    def is_closed(self) -> bool:
+        """Whether every edge belongs to two triangles, once in each direction (closed, manifold, one orientation)."""
+        count = len(self.vertices)
+        start = self.triangles[:, [0, 1, 2]].ravel().astype(np.int64)
+        end = self.triangles[:, [1, 2, 0]].ravel().astype(np.int64)
+        forward, backward = np.sort(start * count + end), np.sort(end * count + start)
+        return bool(np.array_equal(forward, backward) and (np.diff(forward) > 0).all() and (start != end).all())
+
+    def component_volumes(self) -> np.ndarray:
+        """Signed volume of every connected piece, m**3, the largest first; voids count negative."""
+        if not len(self.triangles):
+            return np.zeros(0)
+        links = self.triangles[:, [0, 1, 0, 2]].reshape(-1, 2)
+        graph = coo_matrix((np.ones(len(links), bool), tuple(links.T)), shape=(len(self.vertices),) * 2)
+        pieces, label = connected_components(graph, directed=False)
+        a, b, c = np.moveaxis((self.vertices - self.vertices.mean(axis=0))[self.triangles], 1, 0)
+        parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        return np.sort(np.bincount(label[self.triangles[:, 0]], parts, minlength=pieces))[::-1]
+
+
+def contour(field: np.ndarray, origin: np.ndarray, cell: float, method: str = "flying_edges") -> TriangleMesh:
+    """Surface where ``field`` (nx, ny, nz), positive inside, crosses zero.
+
+    The border of the grid counts as outside, so the mesh is closed. ``method`` is "flying_edges" or "marching_cubes".
+    A field without inside gives a mesh without triangles.
+    """
+    padded = np.pad(away_from_zero(field), 1, constant_values=-1.0)
+    if not (padded > 0).any():
+        return TriangleMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+    vertices, triangles = {"flying_edges": _flying_edges, "marching_cubes": _marching_cubes}[method](padded)
+    return TriangleMesh(np.asarray(origin) + (vertices - 1.0) * cell, triangles)
+
+
+def away_from_zero(field: np.ndarray) -> np.ndarray:
+    """The field with values nearer to zero than ``LEVEL_MARGIN`` moved there; zero itself counts as outside."""
+    return np.where(np.abs(field) < LEVEL_MARGIN, np.where(field > 0, LEVEL_MARGIN, -LEVEL_MARGIN), field)
+
+
+def _flying_edges(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    import pyvista
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
+
+    grid = pyvista.ImageData(dimensions=field.shape)
+    # The filter finds the inside on the low side of the level: the sign gives triangles that face outward.
+    grid.point_data["field"] = field.ravel(order="F").astype(np.float64)
+    filter_ = vtkFlyingEdges3D()
+    filter_.SetInputData(grid)
+    filter_.SetValue(0, 0.0)
+    filter_.ComputeNormalsOff()
+    filter_.ComputeScalarsOff()
+    filter_.Update()
+    mesh = filter_.GetOutput()
+    vertices = vtk_to_numpy(mesh.GetPoints().GetData()).astype(np.float64)
+    triangles = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    return vertices, triangles
+
+
+def _marching_cubes(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    from skimage.measure import marching_cubes
+
+    vertices, triangles, _, _ = marching_cubes(field, 0.0, gradient_direction="ascent")
+    return vertices.astype(np.float64), triangles.astype(np.int64)

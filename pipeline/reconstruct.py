@@ -1,0 +1,104 @@
+"""Stage: frames of particles -> one closed surface mesh per liquid and frame, and a section for the pictures."""
+import argparse
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.cli import run
+from pipeline.errors import UserError
+from pipeline.files import replacing_folder
+from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.liquid_surface import DROPLET_PARTICLES, LiquidSurface, Reconstructor
+from pipeline.progress import progress
+from pipeline.surface_files import surface_path, write_copy, write_section, write_surface
+
+LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
+
+
+def load_initial(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of ``initial.npz`` that the pictures and surfaces need.
+
+    Raises
+    ------
+    UserError : the file is missing, damaged, or of another kind.
+    """
+    names = ("sdf_values", "sdf_origin", "sdf_cell", "particle_spacing")
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such file; run the voxelize stage first")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in names}
+    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
+        raise UserError(f"{path}: is damaged or not written by the voxelize stage ({error}); run it again") from error
+
+
+def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *, mixed: bool) -> None:
+    """Stop on a surface that must not be shown.
+
+    Raises
+    ------
+    UserError : a surface is open, or the volume of a liquid in bulk is off by more than ``LARGEST_VOLUME_ERROR``.
+        Where the liquids mix (``mixed``) the level 1/2 holds no fixed volume, and the error is only reported.
+    """
+    for liquid, surface in zip(liquids, surfaces, strict=True):
+        numbers = surface.statistics
+        if not numbers["watertight"]:
+            raise UserError(f"{path}: the surface of {liquid} is not closed; choose another `output.contour`")
+        if not mixed and numbers["bulk_particles"] > DROPLET_PARTICLES and \
+                abs(numbers["volume_error"]) > LARGEST_VOLUME_ERROR:
+            raise UserError(
+                f"{path}: the surface of {liquid} holds {numbers['volume'] * 1e6:.4f} mL, its particles "
+                f"{numbers['expected_volume'] * 1e6:.4f} mL; choose a smaller `output.cell_ratio`")
+
+
+def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=()) -> None:
+    """Reconstruct the frame read from ``path`` and write its files into ``folder``."""
+    surfaces = reconstructor.surfaces(frame)
+    mixed = bool(((frame.volume_fraction > 1e-3) & (frame.volume_fraction < 1.0 - 1e-3)).any())
+    check(path, frame.liquids, surfaces, mixed=mixed)
+    for liquid, surface in zip(frame.liquids, surfaces, strict=True):
+        mesh = surface.mesh
+        write_surface(surface_path(folder, path.stem, liquid), mesh, time=frame.time, liquid=liquid,
+                      depth=reconstructor.depth_at(mesh.vertices))
+        for suffix in formats:
+            write_copy(surface_path(folder, path.stem, liquid, f".{suffix}"), mesh)
+    write_section(folder / f"{path.stem}_section.vti", reconstructor.section())
+    statistics = {"time": frame.time, "mixed": mixed, "liquids": dict(zip(
+        frame.liquids, (surface.statistics for surface in surfaces), strict=True))}
+    (folder / f"{path.stem}.json").write_text(json.dumps(statistics, indent=2) + "\n")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line: all frames of one folder become surfaces in one process (the kernel is compiled once)."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.reconstruct",
+        description="Turn the particles of saved frames into one closed surface mesh per liquid.")
+    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
+    parser.add_argument("initial", type=Path, metavar="initial.npz", help="signed distance to the wall")
+    parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
+    parser.add_argument("--output", required=True, type=Path, metavar="SURFACES_DIR",
+                        help="folder to write: a .vtp per liquid, a section and a .json with volumes per frame")
+    parser.add_argument("--format", action="append", default=[], choices=("ply", "stl"),
+                        help="write each surface in this format too (default: `output.formats` of the scene)")
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="threads of the field (default: all cores)")
+    options = parser.parse_args(arguments)
+
+    from pipeline.scene import load_resolved
+    from sim.runtime import initialize
+
+    scene = load_resolved(options.scene)
+    paths = find_frames(options.frames)
+    initialize("f32", options.threads)
+    reconstructor = Reconstructor(
+        load_initial(options.initial), len(scene.liquids), cell_ratio=scene.output.cell_ratio,
+        method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations)
+    with replacing_folder(options.output) as folder, progress(len(paths), "reconstruct") as bar:
+        for path in paths:
+            write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats)
+            bar.update()
+
+
+if __name__ == "__main__":
+    run(main)

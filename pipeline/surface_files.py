@@ -1,0 +1,80 @@
+"""Files of the reconstruct stage: surfaces as VTK poly data, the section as a VTK image."""
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.contour import TriangleMesh
+from pipeline.errors import UserError
+
+
+def surface_path(folder: Path, frame: str, liquid: str, suffix: str = ".vtp") -> Path:
+    """Path of the surface of ``liquid`` in the frame named ``frame`` ("frame_00000")."""
+    return Path(folder) / f"{frame}_{liquid}{suffix}"
+
+
+def write_surface(path: Path, mesh: TriangleMesh, *, time: float, liquid: str, depth: np.ndarray) -> None:
+    """Write a closed surface in m (``.vtp``, LZ4) with ``depth`` (v,), the distance of every vertex to the wall in m.
+
+    The folder that holds the file is renamed when complete, so the file itself is written in place.
+    """
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    surface = to_polydata(mesh)
+    surface.point_data["depth"] = depth.astype(np.float32)
+    surface.field_data["time"] = [time]
+    surface.field_data["liquid"] = [liquid]
+    surface.field_data["units"] = ["points: m", "depth: m", "time: s"]
+    _write(vtkXMLPolyDataWriter(), path, surface)
+
+
+def write_copy(path: Path, mesh: TriangleMesh) -> None:
+    """Write the surface once more as ``.ply`` or ``.stl``, by suffix; an empty STL is a header."""
+    to_polydata(mesh).save(path)
+
+
+def to_polydata(mesh: TriangleMesh):
+    """The mesh as pyvista.PolyData in m."""
+    import pyvista
+
+    if not len(mesh.triangles):
+        return pyvista.PolyData()
+    return pyvista.PolyData.from_regular_faces(mesh.vertices.astype(np.float32), mesh.triangles)
+
+
+def write_section(path: Path, section) -> None:
+    """Write a :class:`pipeline.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0."""
+    import pyvista
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    count_y, count_z = section.signed_distance.shape
+    image = pyvista.ImageData(dimensions=(1, count_y, count_z), spacing=(section.cell,) * 3,
+                              origin=(0.0, *section.origin))
+    for name in ("fraction", "dominance"):
+        values = getattr(section, name)
+        image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])
+    image.point_data["signed_distance"] = section.signed_distance.ravel(order="F")
+    _write(vtkXMLImageDataWriter(), path, image)
+
+
+def read_section(path: Path):
+    """Read a section as pyvista.ImageData.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    import pyvista
+
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such section; run the reconstruct stage first")
+    return pyvista.read(path)
+
+
+def _write(writer, path: Path, data) -> None:
+    writer.SetInputData(data)
+    writer.SetFileName(str(path))
+    writer.SetDataModeToAppended()
+    writer.EncodeAppendedDataOff()
+    writer.SetCompressorTypeToLZ4()
+    if not writer.Write():
+        raise OSError(f"{path}: could not be written: disk full or folder not writable")
