@@ -1,0 +1,205 @@
+"""From a scene file to frames, surfaces, pictures, a movie and a report.
+
+    snakemake -j2 all                                       the scenes of config/config.yaml
+    snakemake -j2 outputs/<scene>/movie.mp4                 any scene of config/scenes
+    snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]'
+    snakemake -j2 -R render                                 a stage once more
+    snakemake --report report.html                          one page to read and to pass on
+
+Every rule calls one stage, `python -m pipeline.<stage>`. `depends` changes with the code and with the part of the scene
+that the stage uses; that is why `scene.json` itself is `ancient`.
+"""
+import os
+import sys
+
+sys.path.insert(0, workflow.basedir)
+os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
+
+from pipeline.digest import stage_digest
+from pipeline.workflow import Workflow, prepare_outputs
+
+
+configfile: "config/config.yaml"
+
+
+flow = Workflow(config)
+SCENE = ancient("outputs/{scene}/scene.json")
+
+
+wildcard_constraints:
+    scene=r"\w+",
+    segment=r"\d{3}",
+
+
+onstart:
+    prepare_outputs()
+
+
+rule all:
+    input:
+        expand("outputs/{scene}/movie.mp4", scene=flow.names),
+        expand("outputs/{scene}/metrics.csv", scene=flow.names),
+        expand("outputs/{scene}/frames/frames.pvd", scene=flow.names),
+    message: "all done: {input}"
+
+
+rule scene:
+    input:
+        lambda w: f"config/scenes/{flow.scene(w.scene).name}.yaml",
+    output:
+        report("outputs/{scene}/scene.json", category="{scene}", caption="docs/report/scene.rst",
+               labels={"what": "5 scene in SI units"}),
+    params:
+        accuracy=lambda w: flow.scene(w.scene).accuracy,
+        depends=flow.depends("scene"),
+    log: "outputs/{scene}/logs/scene.log",
+    message: "{wildcards.scene}: check the scene",
+    shell: "python -m pipeline.scene {input} --accuracy {params.accuracy} --output {output} 2>&1 | tee {log}"
+
+
+rule eye:
+    input:
+        mesh=lambda w: flow.mesh(w.scene),
+        scene=SCENE,
+    output:
+        mesh="outputs/{scene}/eye.vtp",
+        report="outputs/{scene}/eye.json",
+    params:
+        depends=flow.depends("eye"),
+    log: "outputs/{scene}/logs/eye.log",
+    message: "{wildcards.scene}: make the mesh of the eye",
+    shell: "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
+
+
+rule voxelize:
+    input:
+        scene=SCENE,
+        eye="outputs/{scene}/eye.vtp",
+    output:
+        initial="outputs/{scene}/initial.npz",
+        report="outputs/{scene}/voxelize.json",
+    params:
+        depends=flow.depends("voxelize"),
+    log: "outputs/{scene}/logs/voxelize.log",
+    message: "{wildcards.scene}: fill the eye with particles",
+    shell:
+        "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
+        " 2>&1 | tee {log}"
+
+
+rule simulate:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/initial.npz",
+        restart=lambda w: flow.start(w.scene, w.segment),
+    output:
+        frames=directory("outputs/{scene}/frames/segment_{segment}"),
+        checkpoint="outputs/{scene}/checkpoints/segment_{segment}.npz",
+    params:
+        depends=flow.depends("simulate"),
+        restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
+        segment=lambda w: int(w.segment),
+    log: "outputs/{scene}/logs/simulate_{segment}.log",
+    message: "{wildcards.scene}: simulate segment {wildcards.segment}",
+    threads: 1  # the other core reconstructs and draws the segment before
+    priority: 10  # everything waits for the simulation
+    shell:
+        "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
+        " --frames {output.frames} --checkpoint {output.checkpoint} 2>&1 | tee {log}"
+
+
+rule index_frames:
+    input:
+        lambda w: expand("outputs/{scene}/frames/segment_{segment}", scene=w.scene, segment=flow.segments(w.scene)),
+    output:
+        "outputs/{scene}/frames/frames.pvd",
+    params:
+        depends=stage_digest("frames"),
+    log: "outputs/{scene}/logs/index_frames.log",
+    message: "{wildcards.scene}: index the frames for ParaView",
+    shell: "python -m pipeline.frames pvd {input} --output {output} 2>&1 | tee {log}"
+
+
+rule reconstruct:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/initial.npz",
+        frames="outputs/{scene}/frames/segment_{segment}",
+    output:
+        directory("outputs/{scene}/surfaces/segment_{segment}"),
+    params:
+        depends=flow.depends("reconstruct"),
+    log: "outputs/{scene}/logs/reconstruct_{segment}.log",
+    message: "{wildcards.scene}: reconstruct the surfaces of segment {wildcards.segment}",
+    shell:
+        "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
+        " 2>&1 | tee {log}"
+
+
+rule render:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/initial.npz",
+        eye="outputs/{scene}/eye.vtp",
+        frames="outputs/{scene}/frames/segment_{segment}",
+        surfaces="outputs/{scene}/surfaces/segment_{segment}",
+    output:
+        report(directory("outputs/{scene}/images/segment_{segment}"), patterns=["frame_{frame}.png"],
+               category="{scene}", caption="docs/report/picture.rst", labels={"what": "4 picture of frame {frame}"}),
+    params:
+        depends=flow.depends("render"),
+    log: "outputs/{scene}/logs/render_{segment}.log",
+    message: "{wildcards.scene}: draw segment {wildcards.segment}",
+    shell:
+        "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
+        " --output {output} 2>&1 | tee {log}"
+
+
+rule movie:
+    input:
+        lambda w: expand("outputs/{scene}/images/segment_{segment}", scene=w.scene, segment=flow.segments(w.scene)),
+    output:
+        report("outputs/{scene}/movie.mp4", category="{scene}", caption="docs/report/movie.rst",
+               labels={"what": "1 movie"}),
+    params:
+        depends=stage_digest("movie"),
+    log: "outputs/{scene}/logs/movie.log",
+    message: "{wildcards.scene}: make the movie",
+    shell: "python -m pipeline.movie {input} --output {output} --fps 24 2>&1 | tee {log}"
+
+
+rule measure:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/initial.npz",
+        frames="outputs/{scene}/frames/segment_{segment}",
+    output:
+        "outputs/{scene}/metrics/segment_{segment}.csv",
+    params:
+        depends=flow.depends("metrics"),
+    log: "outputs/{scene}/logs/measure_{segment}.log",
+    message: "{wildcards.scene}: measure segment {wildcards.segment}",
+    shell:
+        "python -m pipeline.metrics measure {input.scene} {input.initial} {input.frames} --output {output}"
+        " 2>&1 | tee {log}"
+
+
+rule metrics:
+    input:
+        scene=SCENE,
+        tables=lambda w: expand(
+            "outputs/{scene}/metrics/segment_{segment}.csv", scene=w.scene, segment=flow.segments(w.scene)),
+    output:
+        table=report("outputs/{scene}/metrics.csv", category="{scene}", caption="docs/report/metrics.rst",
+                     labels={"what": "3 metrics of every frame"}),
+        summary=report("outputs/{scene}/metrics.html", category="{scene}", caption="docs/report/metrics.rst",
+                       labels={"what": "2 metrics in short"}),
+        plots=report(directory("outputs/{scene}/plots"), patterns=["{plot}.png"], category="{scene}",
+                     caption="docs/report/plot.rst", labels={"what": "3 plot: {plot}"}),
+    params:
+        depends=flow.depends("metrics"),
+    log: "outputs/{scene}/logs/metrics.log",
+    message: "{wildcards.scene}: gather and plot the metrics",
+    shell:
+        "python -m pipeline.metrics gather {input.scene} {input.tables} --output {output.table}"
+        " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"

@@ -1,0 +1,123 @@
+"""What a stage depends on: a digest of the code it uses and of the part of the scene it reads.
+
+Snakemake keeps the digest of every finished job as a parameter, and runs the job again when it changes. Comments,
+docstrings and layout do not count.
+"""
+import ast
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from pipeline.scene_model import Scene
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pipeline", "sim")
+WITHOUT_INFLUENCE = ("pipeline.cli", "pipeline.errors", "pipeline.progress")  # these only speak to the user
+# How a scene was read does not matter beside its values, which the digest holds.
+INSTEAD = {"pipeline.scene": "pipeline.scene_model"}
+# Packages with one file per choice: a scene depends on the files it calls for, not on the others.
+CHOICES = ("sim.effects", "sim.schemes")
+WORDS = ("title", "description", "label")
+PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
+# What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
+UNREAD = {
+    "eye": (*WORDS, "accuracy", "start_from", "initial", "effects", "output", "liquids"),
+    "voxelize": (*WORDS, "accuracy", "start_from", "output", "liquids.color", "liquids.source"),
+    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
+    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "output.duration", "output.image_size",
+                    "liquids.color", "liquids.source"),
+    "render": ("accuracy", "start_from", "initial", "output.duration"),
+    "metrics": (*WORDS, "accuracy", "start_from", "initial", "output.duration", *PICTURE, "liquids.color",
+                "liquids.source"),
+}
+
+
+def stage_digest(stage: str, scene: Scene | None = None) -> str:
+    """Return the digest of ``python -m pipeline.<stage>`` for a scene: a new one means that its results may differ.
+
+    Parameters
+    ----------
+    stage : name of the module in ``pipeline``.
+    scene : the scene it works on; ``None`` for a stage that reads no scene.
+    """
+    chosen = {*scene.effects, scene.numerics.scheme} if scene else set()
+    digest = hashlib.sha256()
+    for path in modules_used(f"pipeline.{stage}", chosen):
+        digest.update(f"{path.relative_to(ROOT)}\n{_meaning(path)}\n".encode())
+    if scene:
+        digest.update(json.dumps(_part_read(scene, UNREAD.get(stage, ())), sort_keys=True).encode())
+    return digest.hexdigest()[:16]
+
+
+def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
+    """Return the files of this project that ``module`` imports, directly or not, sorted by path.
+
+    Parameters
+    ----------
+    module : dotted name.
+    chosen : names of the effects and schemes that the scene calls for (:data:`CHOICES`).
+    """
+    found, waiting = {}, [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if path is None or path in found.values() or name in WITHOUT_INFLUENCE:
+            continue
+        if name in CHOICES:
+            waiting += [f"{name}.{choice}" for choice in chosen if _file(f"{name}.{choice}")]
+            continue
+        found[name] = path
+        for imported in _imports(path):
+            # A scene's effects are values to the stages around the solver: only the solver runs their code.
+            if imported not in CHOICES or name.startswith("sim."):
+                waiting.append(INSTEAD.get(imported, imported))
+    return sorted(found.values())
+
+
+def _file(name: str) -> Path | None:
+    """The file of a module of this project, or ``None``."""
+    if name.split(".")[0] not in PACKAGES:
+        return None
+    path = ROOT.joinpath(*name.split("."))
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """Names that a file imports, wherever in the file; ``from a import b`` may mean ``a`` or ``a.b``."""
+    for node in ast.walk(_parsed(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (name for name in submodules if _file(name))
+            if not all(map(_file, submodules)):
+                yield node.module
+
+
+def _parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def _meaning(path: Path) -> str:
+    """The code of a file without comments, docstrings and layout."""
+    tree = _parsed(path)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            del node.body[0]
+    return ast.dump(tree)
+
+
+def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
+    """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid."""
+    values = json.loads(json.dumps(dataclasses.asdict(scene)))
+    for key in unread:
+        first, _, second = key.partition(".")
+        if not second:
+            values.pop(first)
+        else:
+            for record in values[first] if isinstance(values[first], list) else [values[first]]:
+                record.pop(second)
+    return values

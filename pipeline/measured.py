@@ -1,0 +1,82 @@
+"""One frame together with its scene and cavity, as the metrics look at it."""
+import dataclasses
+import functools
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.coverage import WallContact
+from pipeline.errors import UserError
+from pipeline.frames import FrameData
+from pipeline.scene_model import Scene
+from pipeline.signed_distance import SignedDistance
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """The state that a metric is a function of; what several metrics need is computed once.
+
+    Attributes
+    ----------
+    scene : the resolved scene.
+    initial : arrays of ``initial.npz``.
+    frame : one frame.
+    """
+
+    scene: Scene
+    initial: dict[str, np.ndarray]
+    frame: FrameData
+
+    @functools.cached_property
+    def oil(self) -> int:
+        """Phase index of the oil: the most viscous liquid."""
+        return int(np.argmax([liquid.dynamic_viscosity for liquid in self.scene.liquids]))
+
+    @property
+    def oil_fraction(self) -> np.ndarray:
+        """Volume fraction of the oil, (n,)."""
+        return self.frame.volume_fraction[:, self.oil]
+
+    @functools.cached_property
+    def mass(self) -> np.ndarray:
+        """Mass of every particle, (n,), kg."""
+        density = np.array([liquid.density for liquid in self.scene.liquids])
+        return self.frame.volume * (self.frame.volume_fraction @ density)
+
+    @property
+    def cavity_volume(self) -> float:
+        """Volume of the cavity, m3 (m2 in 2D)."""
+        return float(self.initial["cavity_volume"])
+
+    @functools.cached_property
+    def distance(self) -> SignedDistance:
+        """Signed distance to the wall."""
+        return SignedDistance(self.initial["sdf_values"], self.initial["sdf_origin"], float(self.initial["sdf_cell"]))
+
+    @functools.cached_property
+    def wall(self) -> WallContact:
+        """Where the oil touches the wall."""
+        spacing = self.frame.particle_spacing
+        return WallContact.of(self.initial, self.frame.position, self.oil_fraction, particle_spacing=spacing,
+                              support_radius=self.scene.numerics.support_ratio * spacing)
+
+    def statistic(self, name: str) -> float:
+        """Return a number that the solver saved with the frame; NaN if there is none, as in a frame at the start."""
+        return self.frame.statistics.get(name, np.nan)
+
+
+def load_initial(path: Path) -> dict[str, np.ndarray]:
+    """Read ``initial.npz``.
+
+    Raises
+    ------
+    UserError : the file is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; run the voxelize stage first") from None
+    except (zipfile.BadZipFile, ValueError, EOFError) as error:
+        raise UserError(f"{path}: is damaged ({error}); run the voxelize stage again") from error

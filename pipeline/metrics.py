@@ -1,0 +1,226 @@
+"""Stage: numbers of every frame, as a table, plots and a summary.
+
+To add a metric, write one function of a :class:`~pipeline.measured.Measured` state and register it with ``@metric``: it
+becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of the report.
+"""
+import argparse
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.errors import UserError
+from pipeline.frames import find_frames, read_frame
+from pipeline.measured import Measured, load_initial
+from pipeline.metrics_table import read_table, write_plots, write_summary, write_table
+from pipeline.progress import progress
+from pipeline.scene import load_resolved
+
+Value = float | dict[str, float]
+# A particle that an injection has filled to less than this share is still growing out of its neighbor.
+FULL_PARTICLE = 0.5
+MIXED = (0.05, 0.95)
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """A number, or a few named ones, that every frame has.
+
+    Attributes
+    ----------
+    name, unit, meaning : for the column, the axis and the report.
+    function : called with the :class:`Measured` state of one frame; several numbers come as name -> number.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    function: Callable[[Measured], Value]
+
+    def columns(self, state: Measured) -> dict[str, float]:
+        """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
+        value = self.function(state)
+        parts = {f"{self.name}_{part}": number for part, number in value.items()} if isinstance(value, dict) else {
+            self.name: value}
+        return {f"{column} [{self.unit}]": float(number) for column, number in parts.items()}
+
+
+METRICS: list[Metric] = []
+
+
+def metric(unit: str, meaning: str) -> Callable:
+    """Register a function as the metric of its name."""
+    def register(function: Callable[[Measured], Value]) -> Callable[[Measured], Value]:
+        METRICS.append(Metric(function.__name__, unit, meaning, function))
+        return function
+    return register
+
+
+@metric("s", "simulated time")
+def time(state):
+    return state.frame.time
+
+
+@metric("mL", "volume of each liquid")
+def volume(state):
+    return dict(zip(state.frame.liquids, 1e6 * state.frame.fill, strict=True))
+
+
+@metric("%", "share of the cavity that the oil fills")
+def fill(state):
+    return 100 * state.frame.fill[state.oil] / state.cavity_volume
+
+
+@metric("mm", "center of mass of each liquid (x to the patient's left, y superior, z anterior)")
+def center_of_mass(state):
+    masses = state.frame.volume[:, None] * state.frame.volume_fraction
+    with np.errstate(invalid="ignore", divide="ignore"):
+        centers = 1e3 * (masses.T @ state.frame.position) / masses.sum(axis=0)[:, None]
+    return {f"{liquid}_{axis}": center for liquid, row in zip(state.frame.liquids, centers, strict=True)
+            for axis, center in zip("xyz", row, strict=False)}
+
+
+@metric("J", "kinetic energy of the liquids")
+def kinetic_energy(state):
+    return 0.5 * np.sum(state.mass * np.sum(state.frame.velocity**2, axis=1))
+
+
+@metric("J", "potential energy of the liquids, 0 when their center of mass is in the center of the eye")
+def potential_energy(state):
+    gravity = state.frame.gravity[:state.frame.dimension]
+    return -np.sum(state.mass * (state.frame.position @ gravity))
+
+
+@metric("1", "largest relative compression of a particle since the frame before")
+def compression_maximum(state):
+    return state.statistic("compression_maximum")
+
+
+@metric("1", "iterations of the pressure solve per step since the frame before")
+def pressure_iterations(state):
+    return state.statistic("pressure_iterations")
+
+
+@metric("1", "iterations of the viscosity solve per step since the frame before")
+def viscosity_iterations(state):
+    return state.statistic("viscosity_iterations")
+
+
+@metric("s", "time step")
+def time_step(state):
+    return state.statistic("time_step")
+
+
+@metric("%", "share of the whole wall that the oil touches")
+def wall_coverage(state):
+    return 100 * state.wall.covered_share()
+
+
+@metric("%", "share of the wall within one particle spacing of the contact line: uncertainty of the coverage")
+def wall_coverage_band(state):
+    return 100 * state.wall.band_share()
+
+
+@metric("deg", "arc of the wall that the oil touches in the sagittal plane, seen from the center of the eye")
+def contact_arc(state):
+    return state.wall.contact_arc()
+
+
+@metric("%", "share of the retina (within 115 degrees of the posterior pole), of its halves and of the macula (disc of "
+             "5.5 mm at the pole) that the oil touches")
+def retina_coverage(state):
+    return {name: 100 * state.wall.covered_share(mask) for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("1", "smallest and largest volume fraction of the oil")
+def volume_fraction(state):
+    fraction = state.oil_fraction
+    return {"smallest": fraction.min(initial=np.inf), "largest": fraction.max(initial=-np.inf)}
+
+
+@metric("mL", "volume of the emulsion, where the volume fraction of the oil is between 0.05 and 0.95")
+def emulsified_volume(state):
+    mixed = (state.oil_fraction > MIXED[0]) & (state.oil_fraction < MIXED[1])
+    return 1e6 * np.sum(state.frame.volume[mixed])
+
+
+@metric("1", "number of particles outside the wall")
+def particles_outside(state):
+    return np.count_nonzero(state.distance.sample(state.frame.position) > 0)
+
+
+@metric("1", "smallest distance of two full-grown particles, in particle spacings")
+def smallest_spacing(state):
+    full = state.frame.volume > FULL_PARTICLE * state.frame.particle_spacing**state.frame.dimension
+    if np.count_nonzero(full) < 2:
+        return np.nan
+    position = state.frame.position[full]
+    return cKDTree(position).query(position, k=2)[0][:, 1].min() / state.frame.particle_spacing
+
+
+def measure(scene_path: Path, initial_path: Path, folder: Path) -> dict[str, list[float]]:
+    """Return the metrics of all frames in ``folder``: column -> one number per frame, beginning with ``frame``."""
+    scene = load_resolved(scene_path)
+    initial = load_initial(initial_path)
+    table: dict[str, list[float]] = {}
+    paths = find_frames(folder)
+    with progress(len(paths), f"metrics {scene.name}") as bar:
+        for path in paths:
+            state = Measured(scene, initial, read_frame(path))
+            row = {"frame": int(path.stem.rpartition("_")[2])}
+            for one in METRICS:
+                row |= one.columns(state)
+            for column, number in row.items():
+                table.setdefault(column, []).append(number)
+            bar.update(1)
+    return table
+
+
+def gather(tables: list[Path]) -> dict[str, np.ndarray]:
+    """Return the tables of the segments as one, sorted by frame.
+
+    Raises
+    ------
+    UserError : a table is missing, or was written with other metrics.
+    """
+    parts = [read_table(path) for path in tables]
+    for path, part in zip(tables, parts, strict=True):
+        if list(part) != list(parts[0]):
+            raise UserError(f"{path}: has other columns than {tables[0]}; measure all segments again")
+    order = np.argsort(np.concatenate([part["frame"] for part in parts]), kind="stable")
+    return {column: np.concatenate([part[column] for part in parts])[order] for column in parts[0]}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line: ``python -m pipeline.metrics measure ...`` and ``... gather ...``."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.metrics", description="Numbers of every frame.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    one = commands.add_parser("measure", help="measure the frames of one segment")
+    one.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
+    one.add_argument("initial", type=Path, metavar="initial.npz", help="initial particles, wall and distance")
+    one.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
+    one.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
+    many = commands.add_parser("gather", help="join the tables of all segments, plot and summarize them")
+    many.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
+    many.add_argument("tables", type=Path, nargs="+", metavar="SEGMENT.csv", help="tables of the segments")
+    many.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
+    many.add_argument("--summary", type=Path, metavar="FILE.html", help="page with one row per metric")
+    many.add_argument("--plots", type=Path, metavar="DIR", help="folder for one plot per metric")
+    options = parser.parse_args(arguments)
+    if options.command == "measure":
+        write_table(options.output, measure(options.scene, options.initial, options.frames))
+        return
+    scene, table = load_resolved(options.scene), gather(options.tables)
+    write_table(options.output, table)
+    if options.summary:
+        write_summary(options.summary, table, METRICS, scene)
+    if options.plots:
+        write_plots(options.plots, table, METRICS, scene)
+
+
+if __name__ == "__main__":
+    from pipeline.cli import run
+
+    run(main)

@@ -1,0 +1,101 @@
+"""What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
+import fcntl
+import functools
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NoReturn
+
+from pipeline.digest import stage_digest
+from pipeline.errors import UserError
+from pipeline.scene import load_scene
+from pipeline.scene_model import Scene
+
+SCENES = Path("config/scenes")
+OUTPUTS = Path("outputs")
+KEYS = ("scenes", "accuracy")
+_lock = None
+
+
+def stop(*messages: str) -> NoReturn:
+    """End Snakemake with one sentence per error, without a traceback of the Snakefile."""
+    for message in messages:
+        print(f"error: {message}", file=sys.stderr)
+    sys.stderr.flush()
+    sys.exit(2)
+
+
+class Workflow:
+    """The scenes of one call of Snakemake.
+
+    Parameters
+    ----------
+    config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
+    """
+
+    def __init__(self, config: Mapping[str, object]):
+        for key in config:
+            if key not in KEYS:
+                stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")
+        names = config.get("scenes")
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+            stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
+        self.accuracy = config.get("accuracy")
+        self.names = list(dict.fromkeys(names))
+        self._scene = functools.cache(self._load)
+        for name in self.names:
+            self.scene(name)
+
+    def scene(self, name: str) -> Scene:
+        """Return a scene by name; a scene with errors ends Snakemake with one sentence for each."""
+        return self._scene(name)
+
+    def _load(self, name: str) -> Scene:
+        try:
+            return load_scene(SCENES / f"{name}.yaml", self.accuracy)
+        except UserError as error:
+            stop(*error.messages)
+
+    def segments(self, name: str) -> list[str]:
+        """Return the names of the segments of a scene: ``000``, ``001`` ..."""
+        return [f"{segment:03d}" for segment in range(self.scene(name).segment_count)]
+
+    def start(self, name: str, segment: str) -> list[str]:
+        """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""
+        if int(segment):
+            return [f"{OUTPUTS}/{name}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
+        earlier = self.scene(name).start_from
+        return [f"{OUTPUTS}/{earlier}/checkpoints/segment_{self.segments(earlier)[-1]}.npz"] if earlier else []
+
+    def mesh(self, name: str) -> list[str]:
+        """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
+        path = self.scene(name).eye.path
+        return [path] if path else []
+
+    def depends(self, stage: str):
+        """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
+        def digest(wildcards) -> str:
+            scene = self.scene(wildcards.scene)
+            frames = scene.frames_of_segment(int(wildcards.segment)) if hasattr(wildcards, "segment") else ""
+            return f"{stage_digest(stage, scene)} {frames}".strip()
+        return digest
+
+
+def prepare_outputs() -> None:
+    """Hold the folder of outputs for this run, or end Snakemake with a sentence.
+
+    The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
+    """
+    global _lock
+    try:
+        OUTPUTS.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=OUTPUTS) as probe:
+            probe.write(bytes(4096))
+        _lock = os.open(OUTPUTS, os.O_RDONLY)
+        fcntl.flock(_lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
+    except OSError as error:
+        stop(f"{OUTPUTS}: the folder of outputs cannot be written ({error.strerror})")
