@@ -9,6 +9,8 @@ from sim.runtime import real, real_numpy
 class SignedDistance:
     """Signed distance to the surface of the cavity, linear between nodes.
 
+    Node (i, j, k) has the flat index i*strides[0] + j*strides[1] + k*strides[2]; other node fields share the layout.
+
     Parameters
     ----------
     values : (nx, ny[, nz]) at the nodes, m, negative inside; origin : (dimension,) of node 0, m; cell : node distance, m.
@@ -17,34 +19,41 @@ class SignedDistance:
     def __init__(self, values: np.ndarray, origin, cell: float):
         self.shape = values.shape
         self.dimension = values.ndim
+        self.size = values.size
         self.cell = float(cell)
+        self.strides = [int(np.prod(values.shape[d + 1:])) for d in range(values.ndim)]
         self.origin_numpy = np.asarray(origin, dtype=float)
-        self.origin = ti.Vector(list(self.origin_numpy))
-        self.values = ti.field(real(), shape=values.shape)
-        self.values.from_numpy(np.ascontiguousarray(values, dtype=real_numpy()))
-        self.corners = [tuple((c >> d) & 1 for d in range(self.dimension)) for c in range(2**self.dimension)]
+        self.origin = ti.Vector([float(v) for v in self.origin_numpy])
+        self.values = ti.field(real(), shape=values.size)
+        self.values.from_numpy(np.ascontiguousarray(values, dtype=real_numpy()).ravel())
+        self.corners = [[(c >> d) & 1 for d in range(self.dimension)] for c in range(2**self.dimension)]
+        self.corner_offsets = [sum(s for bit, s in zip(corner, self.strides) if bit) for corner in self.corners]
 
     @ti.func
-    def value(self, x):
-        """Distance at x; outside the grid that of the nearest border point."""
-        base = ti.Vector([0] * self.dimension)
+    def interpolate(self, field: ti.template(), x):
+        """Value of a node field at x; outside the grid that of the nearest border point."""
+        base = 0
         part = x * 0.0
         for d in ti.static(range(self.dimension)):
             t = ti.min(ti.max((x[d] - self.origin[d]) / self.cell, 0.0), self.shape[d] - 1.001)
-            base[d] = ti.cast(ti.floor(t), ti.i32)
-            part[d] = t - base[d]
-        total = part[0] * 0.0
-        for corner in ti.static(self.corners):
-            w = part[0] * 0.0 + 1.0
-            node = base
+            whole = ti.cast(ti.floor(t), ti.i32)
+            part[d] = t - whole
+            base += whole * self.strides[d]
+        total = x[0] * 0.0
+        for c in ti.static(range(2**self.dimension)):
+            w = x[0] * 0.0 + 1.0
             for d in ti.static(range(self.dimension)):
-                if ti.static(corner[d] == 1):
+                if ti.static(self.corners[c][d] == 1):
                     w *= part[d]
-                    node[d] += 1
                 else:
                     w *= 1.0 - part[d]
-            total += w * self.values[node]
+            total += w * field[base + self.corner_offsets[c]]
         return total
+
+    @ti.func
+    def value(self, x):
+        """Distance at x, m."""
+        return self.interpolate(self.values, x)
 
     @ti.func
     def normal(self, x):

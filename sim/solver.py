@@ -78,7 +78,9 @@ class Solver:
         self.largest = ti.field(ti.f64, shape=4)
         self._set_particles(fluid_position, fluid_volume, fluid_phase)
         parameters = {type(p): p for p in settings.effects}
-        self.effects = [c(parameters[c.Parameters], self) for c in classes]
+        self.effects = []
+        for c in classes:
+            self.effects.append(c(parameters[c.Parameters], self))
         self.scheme = scheme(self)
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration"):
             setattr(self, f"{hook}_effects", [e for e in self.effects if e.overrides(hook)])

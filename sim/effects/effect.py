@@ -84,5 +84,7 @@ class Effect:
     def restore(self, state: dict) -> None:
         """Take up what `state` returned."""
 
-    def potential(self) -> None:
-        """Add to `pressure_output` the potentials that this effect has taken out of the pressure solve."""
+    @ti.func
+    def potential(self, i):
+        """Pressure at particle i that this effect has taken out of the solve, Pa; added on output."""
+        return ti.static(None)

@@ -86,6 +86,6 @@ class Gravity(Effect):
         return (1.0 - self.reference_density * self.particles.volume[i] / self.particles.mass[i]) * self.vector[None]
 
     @ti.func
-    def hydrostatic(self, i):
-        """Pressure that the reference density would have at particle i, Pa (zero at the origin)."""
+    def potential(self, i):
+        """Hydrostatic pressure of the reference density, Pa, zero at the origin."""
         return self.reference_density * self.vector[None].dot(self.particles.position[i])

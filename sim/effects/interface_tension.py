@@ -1,8 +1,29 @@
-"""Interface tension in N/m with a contact angle at the wall."""
+"""Interface tension in N/m with a contact angle at the wall, in potential form.
+
+A grid level set gives the curvature kappa at points P of the interface. With b = (rho_1 - rho_0) g and the jump
+function M_P = sigma kappa_P - b.x_P, extended smoothly off the interface,
+
+    sigma kappa grad c + c b = grad(c (M + b.x)) - c grad M .
+
+The first term on the right is a pressure: it is left out of the solve and added back on output. What remains,
+-H grad M, vanishes at equilibrium for any disordered particle set, so spurious currents decay. The effect adds
+-V_i H_i (grad M + b) to the buoyancy c b that `gravity` gives.
+"""
 import dataclasses
+import math
+
+import numpy as np
+import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.fields import Field
+from sim.level_set import LevelSet
 from sim.parameters import parameter
+from sim.runtime import real
+
+EXTENSION_RADIUS = 4.0  # reach of the extension of M off the interface, in particle spacings
+EXTENSION_POWER = 8  # weight (1 - r^2/R^2)^8: as wide as 1/(r^2 + (1.5 dx)^2)^3, but compact
+BACKGROUND_WEIGHT = 1e-3  # weight of the mean M, in dx^2: M is flat far from the interface
 
 
 @dataclasses.dataclass(frozen=True)
@@ -14,6 +35,204 @@ class InterfaceTensionParameters:
                                      meaning="contact angle at the wall, measured through the first liquid")
 
 
+@ti.data_oriented
 class InterfaceTension(Effect):
+    """Tension and wetting of the interface between two liquids."""
+
     name = "interface_tension"
     Parameters = InterfaceTensionParameters
+    fields = (
+        Field("color", "scalar", "1", "fraction of the liquids other than the first"),
+        Field("jump_weight", "scalar", "1", "H_i: color, or the level set's side where the two disagree"),
+        Field("jump_force", "vector", "N/m3", "grad M + b at the particle"),
+        Field("jump", "scalar", "Pa", "M at the particle"),
+    )
+    uses = ("position", "volume", "mass", "phase")
+
+    def __init__(self, parameters, solver):
+        super().__init__(parameters, solver)
+        self.coefficient = parameters.coefficient
+        self.dimension, self.spacing, self.count = solver.dimension, solver.spacing, solver.count
+        self.mixes = "volume_fraction" in solver.particles.arrays
+        self.fractions = solver.particles.arrays.get("volume_fraction")
+        self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle))
+        self.grid = self.level_set.grid
+        self.gravity = next((e for e in solver.effects if e.name == "gravity"), None)
+        densities = [liquid.density for liquid in solver.liquids]
+        self.density_difference = densities[1] - densities[0]
+        area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
+        capacity = int(40.0 * area / self.grid.cell ** (self.dimension - 1)) + 1000
+        self.capacity = capacity
+        self.point, self.sorted_point = (
+            ti.Vector.field(self.dimension, real(), shape=capacity, layout=ti.Layout.SOA) for _ in range(2))
+        self.point_area, self.point_jump, self.sorted_area, self.sorted_jump = (
+            ti.field(real(), shape=capacity) for _ in range(4))
+        self.point_bin = ti.field(ti.i32, shape=capacity)
+        self.point_count = ti.field(ti.i32, shape=())
+        self.area, self.mean_jump = (ti.field(real(), shape=()) for _ in range(2))
+        self.body_force = ti.Vector.field(self.dimension, real(), shape=())  # b, N/m^3
+        self.radius = EXTENSION_RADIUS * self.spacing
+        extent = (np.array(self.grid.shape) - 1) * self.grid.cell
+        self.bins = [int(n) for n in np.ceil(extent / self.radius) + 3]
+        self.bin_strides = [int(np.prod(self.bins[:d])) for d in range(self.dimension)]
+        self.bin_start = ti.field(ti.i32, shape=int(np.prod(self.bins)) + 1)
+        self.bin_fill = ti.field(ti.i32, shape=int(np.prod(self.bins)) + 1)
+        self.bin_origin = ti.Vector([float(v) for v in self.grid.origin_numpy - self.radius])
+
+    def stable_time_step(self) -> float:
+        """Capillary limit sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) (Brackbill et al. 1992)."""
+        if self.coefficient == 0.0:
+            return float("inf")
+        density = self.solver.liquids[0].density + self.solver.liquids[1].density
+        return math.sqrt(density * self.spacing**3 / (4.0 * math.pi * self.coefficient))
+
+    def prepare(self, dt: float) -> None:
+        gravity = self.gravity.at(self.solver.time) if self.gravity else np.zeros(self.dimension)
+        self.body_force[None] = ti.Vector([float(v) for v in self.density_difference * gravity])
+        self._color()
+        self.level_set.update()
+        self._find_points()
+        if self.point_count[None] > self.capacity:
+            raise OverflowError(f"the interface has {self.point_count[None]} grid crossings where {self.capacity} fit: "
+                                "the liquids are mixed down to single particles")
+        self._sort_points()
+        self._extend()
+
+    @ti.kernel
+    def _color(self):
+        for i in range(self.count[None]):
+            c = 1.0 * ti.min(self.particles.phase[i], 1)
+            if ti.static(self.mixes):
+                c = 1.0 - self.fractions[i][0]
+            self.particles.color[i] = c
+
+    @ti.func
+    def _bin(self, x):
+        index = 0
+        for d in ti.static(range(self.dimension)):
+            c = ti.cast(ti.floor((x[d] - self.bin_origin[d]) / self.radius), ti.i32)
+            index += ti.min(ti.max(c, 1), self.bins[d] - 2) * self.bin_strides[d]
+        return index
+
+    @ti.kernel
+    def _find_points(self):
+        """Zero crossings of phi on grid edges inside the cavity: position, area |n_a| cell^(d-1), curvature."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = 0
+            area = ti.cast(0.0, ti.f64)
+            jump = ti.cast(0.0, ti.f64)
+            slope = ti.cast(0.0, ti.f64)
+            for k in range(self.level_set.band_count[None]):
+                n = self.level_set.band[k]
+                for d in ti.static(range(self.dimension)):
+                    m = n + self.level_set.steps[d]
+                    p, q = self.level_set.phi[n], self.level_set.phi[m]
+                    if (p > 0.0) != (q > 0.0) and self.grid.values[m] <= 0.0:
+                        t = p / (p - q)
+                        g = (1.0 - t) * self.level_set.normal[n] + t * self.level_set.normal[m]
+                        length = ti.max(g.norm(), 1e-6)
+                        x = self.grid.origin + t * self.grid.cell * ti.Vector.unit(self.dimension, d)
+                        rest = n
+                        for e in ti.static(range(self.dimension)):
+                            x[e] += (rest // self.level_set.steps[e]) * self.grid.cell
+                            rest = rest % self.level_set.steps[e]
+                        kappa = (1.0 - t) * self.level_set.curvature[n] + t * self.level_set.curvature[m]
+                        if total < self.capacity:
+                            a = ti.abs(g[d]) / length * self.grid.cell ** (self.dimension - 1)
+                            value = self.coefficient * kappa - self.body_force[None].dot(x)
+                            self.point[total] = x
+                            self.point_area[total] = a
+                            self.point_jump[total] = value
+                            self.point_bin[total] = self._bin(x)
+                            area += a
+                            jump += a * value
+                            slope += a * length
+                        total += 1
+            self.point_count[None] = total
+            self.area[None] = area
+            self.mean_jump[None] = jump / ti.max(area, 1e-30)
+            if area > 0.0:
+                relaxed = 0.9 * self.level_set.slope[None] + 0.1 * slope / area
+                self.level_set.slope[None] = ti.min(ti.max(relaxed, 0.5), 1.5)
+
+    @ti.kernel
+    def _sort_points(self):
+        for c in self.bin_fill:
+            self.bin_fill[c] = 0
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for k in range(self.point_count[None]):
+                self.bin_fill[self.point_bin[k]] += 1
+            total = 0
+            for c in range(self.bin_fill.shape[0]):
+                size = self.bin_fill[c]
+                self.bin_start[c] = total
+                self.bin_fill[c] = total
+                total += size
+            for k in range(self.point_count[None]):
+                c = self.point_bin[k]
+                s = self.bin_fill[c]
+                self.sorted_point[s] = self.point[k]
+                self.sorted_area[s] = self.point_area[k]
+                self.sorted_jump[s] = self.point_jump[k]
+                self.bin_fill[c] += 1
+
+    @ti.kernel
+    def _extend(self):
+        """M and grad M at the particles: weighted mean of the interface points, flat where none is near."""
+        for i in range(self.count[None]):
+            x = self.particles.position[i]
+            h = self.particles.color[i]
+            if self.level_set.mixed[i] == 1:
+                phi = self.grid.interpolate(self.level_set.phi, x)
+                if ti.abs(phi) > self.spacing:
+                    h = ti.select(phi > 0.0, 1.0, 0.0)  # a label that the level set cannot see gets gravity only
+            self.particles.jump_weight[i] = h
+            weight = BACKGROUND_WEIGHT * self.spacing ** (self.dimension - 1)
+            value = 0.0
+            weight_gradient = x * 0.0
+            value_gradient = x * 0.0
+            if h > 0.0:
+                c = self._bin(x)
+                for k in range(3 ** (self.dimension - 1)):
+                    first = c + (k % 3 - 1) * self.bin_strides[1]
+                    if ti.static(self.dimension == 3):
+                        first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
+                    for p in range(self.bin_start[first - 1], self.bin_start[first + 2]):
+                        away = x - self.sorted_point[p]
+                        s = 1.0 - away.norm_sqr() / self.radius**2
+                        if s > 0.0:
+                            s2 = s * s
+                            s7 = s2 * s2 * s2 * s
+                            w = self.sorted_area[p] * s7 * s
+                            g = (-2.0 * EXTENSION_POWER / self.radius**2 * self.sorted_area[p] * s7) * away
+                            jump = self.sorted_jump[p] - self.mean_jump[None]
+                            weight += w
+                            value += w * jump
+                            weight_gradient += g
+                            value_gradient += g * jump
+            m = value / weight
+            self.particles.jump[i] = m + self.mean_jump[None]
+            self.particles.jump_force[i] = (value_gradient - m * weight_gradient) / weight + self.body_force[None]
+
+    @ti.func
+    def body_acceleration(self, i):
+        return (-self.particles.jump_weight[i] * self.particles.volume[i] / self.particles.mass[i]
+                * self.particles.jump_force[i])
+
+    @ti.func
+    def potential(self, i):
+        """H (M + b.x): the pressure that this form keeps out of the solve, Pa."""
+        return self.particles.jump_weight[i] * (
+            self.particles.jump[i] + self.body_force[None].dot(self.particles.position[i]))
+
+    def state(self) -> dict:
+        return {"phi": self.level_set.phi.to_numpy(), "slope": self.level_set.slope[None],
+                "started": self.level_set.started[None]}
+
+    def restore(self, state: dict) -> None:
+        if state:
+            self.level_set.phi.from_numpy(state["phi"])
+            self.level_set.slope[None] = float(state["slope"])
+            self.level_set.started[None] = int(state["started"])

@@ -1,0 +1,264 @@
+"""The interface between the first liquid and the others, as a level set on the grid of the signed distance.
+
+phi > 0 in the other liquids. Particle colors are splatted to nodes, smoothed and redistanced in a band around the
+interface; behind the wall, ghost nodes carry the slope that the contact angle asks for.
+"""
+import numpy as np
+import taichi as ti
+
+from sim.runtime import real, real_numpy
+from sim.signed_distance import SignedDistance
+
+SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings
+COLOR_TO_DISTANCE = 0.62  # slope of the splatted color at a plane interface: phi = 0.62 * 2 dx (C - 1/2)
+GHOST_DEPTH = 2.6  # depth of the ghost nodes, in particle spacings
+REDISTANCING_PASSES = 16
+SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
+FAR = 4.0  # |phi| outside the band, in particle spacings
+
+
+@ti.data_oriented
+class LevelSet:
+    """Level set of the interface.
+
+    Parameters
+    ----------
+    solver : the solver (positions, neighbor rows, walls, signed distance).
+    color : particle field, 0 in the first liquid, 1 in the others, between in mixtures.
+    contact_angle : radians, through the first liquid.
+    """
+
+    def __init__(self, solver, color, contact_angle: float):
+        self.grid: SignedDistance = solver.distance
+        self.dimension = solver.dimension
+        self.spacing = solver.spacing
+        self.cell = self.grid.cell
+        self.position, self.count, self.color = solver.position, solver.count, color
+        self.pairs, self.walls = solver.pairs, solver.walls
+        self.wall_rows = solver.search.wall_rows
+        self.cosine = float(np.cos(contact_angle))
+        self.reach = int(np.floor(SPLAT_RADIUS * self.spacing / self.cell))
+        size = self.grid.size
+        self.phi, self.phi_next, self.weight, self.curvature = (ti.field(real(), shape=size) for _ in range(4))
+        self.normal = ti.Vector.field(self.dimension, real(), shape=size, layout=ti.Layout.SOA)
+        self.band = ti.field(ti.i32, shape=size)  # active nodes inside the cavity, in order of their index
+        self.band_count = ti.field(ti.i32, shape=())
+        self.mixed = ti.field(ti.i32, shape=solver.particles.capacity)
+        self.wall_color = ti.field(real(), shape=max(self.walls.count, 1))
+        self.slope = ti.field(real(), shape=())  # mean |grad phi| on the interface
+        self.slope[None] = 1.0
+        self.started = ti.field(ti.i32, shape=())
+        self.steps = self.grid.strides
+        self._find_ghosts()
+        self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
+
+    def _find_ghosts(self):
+        """Static list of nodes behind the wall with their image points inside, and the wall's mean curvature."""
+        grid, cell = self.grid, self.cell
+        distance = grid.values.to_numpy().astype(float).reshape(grid.shape)
+        gradient = np.stack(np.gradient(distance, cell), -1)
+        normal = gradient / np.maximum(np.linalg.norm(gradient, axis=-1, keepdims=True), 1e-12)
+        curvature = sum(np.gradient(normal[..., d], cell, axis=d) for d in range(grid.dimension)) / (grid.dimension - 1)
+        inner = np.zeros(grid.shape, bool)
+        inner[(slice(2, -2),) * grid.dimension] = True
+        ghost = np.flatnonzero(((distance > 0) & (distance <= GHOST_DEPTH * self.spacing) & inner).ravel())
+        depth = distance.ravel()[ghost]
+        normal, curvature = normal.reshape(-1, grid.dimension)[ghost], curvature.ravel()[ghost]
+        node = np.stack(np.unravel_index(ghost, grid.shape), -1)
+        image_depth = np.maximum(depth, cell)
+        image = grid.origin_numpy + node * cell - (depth + image_depth)[:, None] * normal
+        # Curvature of the wall itself: 1/R at the surface is larger than 1/(R + depth) at the node.
+        at_wall = curvature / np.maximum(1.0 - depth * curvature, 0.2)
+        limit = 1.0 / (4.0 * self.spacing)
+        self.ghost_count = len(ghost)
+        size = max(len(ghost), 1)
+        self.ghost_node = ti.field(ti.i32, shape=size)
+        self.ghost_image = ti.Vector.field(grid.dimension, real(), shape=size, layout=ti.Layout.SOA)
+        self.ghost_depth, self.ghost_curvature = (ti.field(real(), shape=size) for _ in range(2))
+        if len(ghost):
+            self.ghost_node.from_numpy(ghost.astype(np.int32))
+            self.ghost_image.from_numpy(image.astype(real_numpy()))
+            self.ghost_depth.from_numpy(depth.astype(real_numpy()))
+            self.ghost_curvature.from_numpy(np.clip(at_wall, -limit, limit).astype(real_numpy()))
+
+    def update(self) -> None:
+        """Rebuild phi, its normals and curvature from the present positions and colors."""
+        self._mark()
+        self._splat()
+        self._find_band()
+        self._ghosts(self.phi)
+        for _ in range(REDISTANCING_PASSES // 2):
+            self._redistance(self.phi, self.phi_next)
+            self._ghosts(self.phi_next)
+            self._redistance(self.phi_next, self.phi)
+            self._ghosts(self.phi)
+        for _ in range(SMOOTHING_PASSES // 2):
+            self._smooth(self.phi, self.phi_next)
+            self._ghosts(self.phi_next)
+            self._smooth(self.phi_next, self.phi)
+            self._ghosts(self.phi)
+        self._measure()
+        self.started[None] = 1
+
+    @ti.kernel
+    def _mark(self):
+        """Which particles have another color within the support radius; colors of the wall."""
+        for i in range(self.count[None]):
+            low, high = self.color[i], self.color[i]
+            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                c = self.color[self.pairs.index[k]]
+                low = ti.min(low, c)
+                high = ti.max(high, c)
+            self.mixed[i] = ti.cast(high - low > 0.02, ti.i32)
+        for b in range(self.walls.count):
+            low, high = 1.0, 0.0
+            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                c = self.color[self.wall_rows.index[k]]
+                low = ti.min(low, c)
+                high = ti.max(high, c)
+            c = -1.0  # takes no part
+            if high - low > 0.02 and self.started[None] == 1:
+                c = ti.min(ti.max(0.5 + self.grid.interpolate(self.phi, self.walls.position[b]) / self.spacing, 0.0), 1.0)
+            self.wall_color[b] = c
+
+    @ti.func
+    def _nearest_node(self, x):
+        node = ti.Vector([0] * self.dimension)
+        for d in ti.static(range(self.dimension)):
+            node[d] = ti.cast(ti.round((x[d] - self.grid.origin[d]) / self.cell), ti.i32)
+        return node
+
+    @ti.func
+    def _flat(self, node):
+        index = 0
+        for d in ti.static(range(self.dimension)):
+            index += ti.min(ti.max(node[d], 0), self.grid.shape[d] - 1) * self.steps[d]
+        return index
+
+    @ti.func
+    def _splat_one(self, x, color):
+        """Add one particle to the sums of the nodes within the splat radius."""
+        radius = SPLAT_RADIUS * self.spacing
+        center = self._nearest_node(x)
+        for offset in ti.grouped(ti.ndrange(*((-self.reach, self.reach + 1),) * self.dimension)):
+            node = center + offset
+            r = (self.grid.origin + node * self.cell - x).norm()
+            if r < radius:
+                q = r / radius
+                w = (1.0 - q) ** 4 * (4.0 * q + 1.0)
+                index = self._flat(node)
+                self.weight[index] += w
+                self.phi_next[index] += w * color
+
+    @ti.kernel
+    def _splat(self):
+        # Serial: sums in particle order do not depend on the number of threads.
+        for n in range(self.grid.size):
+            self.weight[n] = 0.0
+            self.phi_next[n] = 0.0
+            self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
+        ti.loop_config(serialize=True)
+        for i in range(self.count[None]):
+            if self.mixed[i] == 1:
+                self._splat_one(self.position[i], self.color[i])
+            else:
+                far = FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0)
+                center = self._nearest_node(self.position[i])
+                for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
+                    self.phi[self._flat(center + offset)] = far
+        ti.loop_config(serialize=True)
+        for b in range(self.walls.count):
+            if self.wall_color[b] >= 0.0:
+                self._splat_one(self.walls.position[b], self.wall_color[b])
+
+    @ti.kernel
+    def _find_band(self):
+        for n in range(self.grid.size):
+            if self.weight[n] > 0.0:
+                c = self.phi_next[n] / self.weight[n]
+                self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
+            self.phi_next[n] = self.phi[n]
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = 0
+            for n in range(self.grid.size):
+                if self.weight[n] > 0.0 and self.grid.values[n] <= 0.0:
+                    self.band[total] = n
+                    total += 1
+            self.band_count[None] = total
+
+    @ti.kernel
+    def _ghosts(self, phi: ti.template()):
+        """phi behind the wall: linear along the normal with the slope of the contact angle at the wall.
+
+        On a curved wall the normal turns along the way from the contact line: the term with the curvature.
+        """
+        for k in range(self.ghost_count):
+            n = self.ghost_node[k]
+            if self.weight[n] > 0.0:
+                q = self.grid.interpolate(phi, self.ghost_image[k])
+                depth = self.ghost_depth[k]
+                image_depth = ti.max(depth, self.cell)
+                limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
+                c = self.ghost_curvature[k]
+                slope = (limited * c - self.slope[None] * self.cosine) / (1.0 - image_depth * c)
+                phi[n] = q + (depth + image_depth) * slope
+
+    @ti.kernel
+    def _redistance(self, phi: ti.template(), target: ti.template()):
+        """One pass of first-order Godunov redistancing."""
+        for k in range(self.band_count[None]):
+            n = self.band[k]
+            p = phi[n]
+            square = 0.0
+            for d in ti.static(range(self.dimension)):
+                back = (p - phi[n - self.steps[d]]) / self.cell
+                ahead = (phi[n + self.steps[d]] - p) / self.cell
+                if p > 0.0:
+                    square += ti.max(ti.max(back, 0.0) ** 2, ti.min(ahead, 0.0) ** 2)
+                else:
+                    square += ti.max(ti.min(back, 0.0) ** 2, ti.max(ahead, 0.0) ** 2)
+            sign = p / ti.sqrt(p * p + self.cell * self.cell)
+            target[n] = p - self.redistancing_step * sign * (ti.sqrt(square) - 1.0)
+
+    @ti.kernel
+    def _smooth(self, phi: ti.template(), target: ti.template()):
+        """One binomial pass (1 2 1)/4 along every axis."""
+        for k in range(self.band_count[None]):
+            n = self.band[k]
+            total = 0.0
+            for offset in ti.static(ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension))):
+                index = n
+                w = 1.0
+                for d in ti.static(range(self.dimension)):
+                    index += offset[d] * self.steps[d]
+                    w *= ti.static(0.5 if offset[d] == 0 else 0.25)
+                total += w * phi[index]
+            target[n] = total
+
+    @ti.func
+    def gradient(self, n):
+        """Central difference of phi at a node."""
+        g = self.normal[n] * 0.0
+        for d in ti.static(range(self.dimension)):
+            g[d] = (self.phi[n + self.steps[d]] - self.phi[n - self.steps[d]]) / (2.0 * self.cell)
+        return g
+
+    @ti.func
+    def _unit_gradient(self, n):
+        g = self.gradient(n)
+        return g / ti.max(g.norm(), 1e-6)
+
+    @ti.kernel
+    def _measure(self):
+        """Normals and curvature kappa = -div(grad phi / |grad phi|) near the interface."""
+        for k in range(self.band_count[None]):
+            n = self.band[k]
+            if ti.abs(self.phi[n]) < 3.0 * self.cell:
+                divergence = 0.0
+                for d in ti.static(range(self.dimension)):
+                    divergence += (self._unit_gradient(n + self.steps[d])[d]
+                                   - self._unit_gradient(n - self.steps[d])[d]) / (2.0 * self.cell)
+                limit = 1.0 / self.spacing
+                self.curvature[n] = ti.min(ti.max(-divergence, -limit), limit)
+                self.normal[n] = self.gradient(n)
