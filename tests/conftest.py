@@ -22,15 +22,20 @@ def taichi():
 
 
 @pytest.fixture(scope="session")
-def opengl() -> None:
-    """Skip the test on a machine that cannot draw; asked in a child process, because a missing library is a crash."""
-    check = subprocess.run([sys.executable, "-m", "pipeline.opengl"], cwd=ROOT, capture_output=True, text=True)
-    if check.returncode:
-        pytest.skip(f"no OpenGL: {check.stderr.strip().splitlines()[-1:]}")
+def can_draw() -> bool:
+    """Return whether this machine has OpenGL; asked in a child process, because a missing library is a crash."""
+    return not subprocess.run([sys.executable, "-m", "pipeline.opengl"], cwd=ROOT, capture_output=True).returncode
+
+
+@pytest.fixture(scope="session")
+def opengl(can_draw) -> None:
+    """Skip the test on a machine without OpenGL."""
+    if not can_draw:
+        pytest.skip("no OpenGL on this machine")
 
 
 class Project:
-    """A copy of the project in a temporary folder: its own configuration and outputs, the code itself linked."""
+    """A copy of the project: its own configuration and outputs, the code itself linked."""
 
     LINKED = ("pipeline", "sim", "docs")
     COPIED = ("config", "profiles", "Snakefile")
@@ -43,22 +48,35 @@ class Project:
             copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
             copy(ROOT / name, folder / name)
 
-    def command(self, *arguments: str) -> list[str]:
-        return [sys.executable, "-m", "snakemake", "-j2", *arguments]
-
-    def snakemake(self, *arguments: str) -> subprocess.CompletedProcess:
-        """Run Snakemake in the copy; its exit code and all that it printed."""
-        return subprocess.run(self.command(*arguments), cwd=self.folder, env=self.environment(), text=True,
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-
-    def environment(self) -> dict[str, str]:
-        return os.environ | {"PYTHONPATH": str(self.folder)}
+    def outputs(self, scene: str) -> Path:
+        """Return the folder of a scene's results."""
+        return self.folder / "outputs" / scene
 
     def write_scene(self, name: str, text: str) -> None:
+        """Add or replace a scene."""
         (self.folder / "config" / "scenes" / f"{name}.yaml").write_text(text)
+
+    def own_code(self, package: str) -> Path:
+        """Give the project a copy of a package, to be edited; return its folder."""
+        folder = self.folder / package
+        folder.unlink()
+        shutil.copytree(ROOT / package, folder, ignore=shutil.ignore_patterns("__pycache__"))
+        return folder
+
+    def start(self, *arguments: str) -> subprocess.Popen:
+        """Start Snakemake in a process group of its own; what it prints goes to ``snakemake.log``."""
+        with (self.folder / "snakemake.log").open("w") as log:
+            return subprocess.Popen([sys.executable, "-m", "snakemake", "-j2", *arguments], cwd=self.folder,
+                                    env=os.environ | {"PYTHONPATH": str(self.folder)}, stdin=subprocess.DEVNULL,
+                                    stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+
+    def snakemake(self, *arguments: str) -> tuple[int, str]:
+        """Run Snakemake to its end; return its exit code and all that it printed."""
+        code = self.start(*arguments).wait()
+        return code, (self.folder / "snakemake.log").read_text()
 
 
 @pytest.fixture
 def project(tmp_path) -> Project:
-    """Return a copy of the project that a test may change and run."""
+    """Return a copy of the project that one test may change and run."""
     return Project(tmp_path)
