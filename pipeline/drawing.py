@@ -1,0 +1,77 @@
+"""Marks on pictures: text, arrows, bars. Lengths in pixels of the large canvas, which is halved at the end."""
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+OVERSAMPLING = 2                # everything is drawn twice as large and averaged: smooth, and right with translucency
+INK = (25, 30, 40)
+FAINT_INK = (95, 102, 115)
+WARNING_INK = (176, 52, 24)
+
+
+@functools.cache
+def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans of a height in pixels, from matplotlib's own files: the same on every machine."""
+    import matplotlib
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)
+
+
+def write(draw: ImageDraw.ImageDraw, position, text: str, size: float, *, bold=False, color=INK, anchor="la",
+          width: float | None = None) -> float:
+    """Write one line; a line wider than ``width`` is set smaller. Returns the width taken."""
+    size = max(int(size), 6)
+    while width is not None and size > 6 and font(size, bold).getlength(text) > width:
+        size -= 1
+    draw.text(tuple(position), text, font=font(size, bold), fill=color, anchor=anchor)
+    return font(size, bold).getlength(text)
+
+
+def arrow(draw: ImageDraw.ImageDraw, start, end, width: float, color=INK) -> None:
+    """Straight arrow with a filled head."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    along = (end - start) / max(np.linalg.norm(end - start), 1e-9)
+    across = np.array([-along[1], along[0]])
+    neck = end - 4.0 * width * along
+    draw.line([tuple(start), tuple(neck + along)], fill=color, width=round(width))
+    draw.polygon([tuple(end), tuple(neck + 2.0 * width * across), tuple(neck - 2.0 * width * across)], fill=color)
+
+
+def away_mark(draw: ImageDraw.ImageDraw, center, radius: float, width: float, toward: bool, color=INK) -> None:
+    """A circle with a dot (an arrow toward the reader) or a cross (away from the reader)."""
+    x, y = center
+    draw.ellipse([x - radius, y - radius, x + radius, y + radius], outline=color, width=round(width))
+    if toward:
+        draw.ellipse([x - width, y - width, x + width, y + width], fill=color)
+    else:
+        d = radius * math.sqrt(0.5)
+        draw.line([x - d, y - d, x + d, y + d], fill=color, width=round(width))
+        draw.line([x - d, y + d, x + d, y - d], fill=color, width=round(width))
+
+
+def color_bar(draw: ImageDraw.ImageDraw, box, colors: np.ndarray, title: str, ends, size: float) -> None:
+    """Horizontal bar of the colors (256, 3) for 0..1 with ticks; ``ends`` names 0 and 1.
+
+    ``box`` is (left, top, right, bottom).
+    """
+    left, top, right, bottom = (round(v) for v in box)
+    for x in range(left, right):
+        color = tuple(int(v) for v in colors[round((x - left) / max(right - left - 1, 1) * 255)])
+        draw.line([x, top, x, bottom], fill=color)
+    draw.rectangle([left, top, right, bottom], outline=INK, width=max(1, round(size / 12)))
+    for k in range(6):
+        x = left + (right - left) * k / 5
+        draw.line([x, bottom, x, bottom + size / 3], fill=INK, width=max(1, round(size / 12)))
+        write(draw, (x, bottom + 0.4 * size), f"{k / 5:.1f}", 0.9 * size, anchor="ma")
+    write(draw, ((left + right) / 2, top - 0.35 * size), title, size, anchor="md")
+    write(draw, (left - 0.6 * size, (top + bottom) / 2), ends[0], size, anchor="rm")
+    write(draw, (right + 0.6 * size, (top + bottom) / 2), ends[1], size, anchor="lm")
+
+
+def reduce(image: Image.Image) -> Image.Image:
+    """The large canvas averaged to its final size."""
+    return image.reduce(OVERSAMPLING)
