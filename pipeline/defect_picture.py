@@ -1,52 +1,37 @@
 """Picture of the place where a surface cannot be repaired: the surface in gray, the faulty edges in red."""
-import os
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pyvista
 import trimesh
 
+from pipeline.errors import UserError
 from pipeline.files import replacing
+from pipeline.opengl import use_working_opengl
 
-# Tried in turn: the default window, then OpenGL without a display (a graphics driver, then plain software).
-WINDOWS = (None, "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
-SECONDS = 60
+MOST_SHOWN_EDGES = 50_000       # triangles; finer meshes turn black when their edges are drawn
 
 
-def picture_of_defect(mesh: trimesh.Trimesh, segments: np.ndarray, path: str | Path) -> bool:
-    """Draw a surface and faulty edges (n, 2, 3), both in m, into a PNG; return whether there is a picture.
+def picture_of_defect(mesh: trimesh.Trimesh, segments: np.ndarray, path: str | Path) -> str:
+    """Draw a surface and faulty edges (n, 2, 3), both in m, into a PNG; return where it is, or why there is none.
 
-    A child process draws: without OpenGL the drawing library ends the process, which must not hide the reason for
-    which the surface is refused.
+    A machine without OpenGL must not hide the reason for which the surface is refused.
     """
-    path = Path(path).absolute()
-    root = Path(__file__).absolute().parents[1]
-    with tempfile.TemporaryDirectory() as folder:
-        arrays = Path(folder) / "defect.npz"
-        np.savez(arrays, vertices=mesh.vertices, faces=mesh.faces, segments=segments)
-        command = [sys.executable, "-m", "pipeline.defect_picture", str(arrays), str(path)]
-        for window in WINDOWS:
-            environment = os.environ | ({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})
-            try:
-                child = subprocess.run(command, cwd=root, env=environment, capture_output=True, timeout=SECONDS,
-                                       check=False)
-            except subprocess.TimeoutExpired:
-                continue
-            if child.returncode == 0:
-                return True
-    return False
+    try:
+        use_working_opengl()
+    except UserError as missing:
+        return f"no picture of the place: {missing}"
+    draw(mesh, segments, Path(path))
+    return f"see {path}"
 
 
-def draw(vertices: np.ndarray, faces: np.ndarray, segments: np.ndarray, path: Path) -> None:
-    """Draw triangles (m, 3) of vertices (n, 3) and edges (k, 2, 3) from the side of the edges into a PNG."""
-    surface = pyvista.make_tri_mesh(vertices, faces)
+def draw(mesh: trimesh.Trimesh, segments: np.ndarray, path: Path) -> None:
+    """Draw a surface and edges (n, 2, 3) in m from the side of the edges into a PNG."""
+    surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     plotter = pyvista.Plotter(off_screen=True, window_size=(1000, 800))
     plotter.set_background("white")
     plotter.add_mesh(surface, color="lightgray", opacity=0.6, edge_color="gray", line_width=0.5,
-                     show_edges=len(faces) < 50_000)
+                     show_edges=len(mesh.faces) < MOST_SHOWN_EDGES)
     center, side = np.array(surface.center), np.array([1.0, 0.5, 0.5])
     if len(segments):
         lines = np.insert(np.arange(2 * len(segments)).reshape(-1, 2), 0, 2, axis=1)
@@ -60,8 +45,4 @@ def draw(vertices: np.ndarray, faces: np.ndarray, segments: np.ndarray, path: Pa
     plotter.reset_camera()
     with replacing(path) as temporary:
         plotter.screenshot(temporary)
-
-
-if __name__ == "__main__":
-    with np.load(sys.argv[1]) as data:
-        draw(data["vertices"], data["faces"], data["segments"], Path(sys.argv[2]))
+    plotter.close()

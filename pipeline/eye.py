@@ -84,9 +84,7 @@ def main() -> None:
     try:
         mesh, source = cavity_mesh(load_resolved(arguments.scene).eye)
     except MeshRefused as refused:
-        drawn = picture_of_defect(refused.mesh, refused.segments, picture)
-        place = f"see {picture}" if drawn else "no picture of the place: OpenGL is not available"
-        raise UserError(f"{refused}; {place}") from refused
+        raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
     picture.unlink(missing_ok=True)
     report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
     write_mesh(mesh, arguments.output)

@@ -165,6 +165,7 @@ def repair(mesh: trimesh.Trimesh, name: str) -> tuple[trimesh.Trimesh, list[str]
 def weld(mesh: trimesh.Trimesh) -> list[str]:
     """Merge equal vertices and remove triangles without area and repeated ones, in place."""
     repairs = []
+    mesh.remove_unreferenced_vertices()
     vertices, faces = len(mesh.vertices), len(mesh.faces)
     mesh.merge_vertices(digits_vertex=WELD_DIGITS, merge_tex=True, merge_norm=True)
     if len(mesh.vertices) < vertices:
@@ -175,7 +176,6 @@ def weld(mesh: trimesh.Trimesh) -> list[str]:
     mesh.update_faces(mesh.unique_faces())
     if len(mesh.faces) < faces:
         repairs.append(f"removed {faces - len(mesh.faces)} collapsed or repeated triangles")
-    mesh.remove_unreferenced_vertices()
     return repairs
 
 
