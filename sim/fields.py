@@ -104,6 +104,37 @@ class ParticleStore:
             self._gather(array, buffer)
             self._copy(buffer, array)
 
+    @ti.kernel
+    def _copy_row(self, array: ti.template(), source: int, target: int):
+        array[target] = array[source]
+
+    def append(self, values: dict) -> int:
+        """Add one particle with the given carried fields, zero in the others; return its row.
+
+        Raises
+        ------
+        OverflowError
+            When the capacity is reached.
+        """
+        row = self.count[None]
+        if row >= self.capacity:
+            raise OverflowError(f"{row} particles fill the store; more were to be added")
+        for name, field in self.declared.items():
+            if field.carried:
+                value = values.get(name, 0)
+                self.arrays[name][row] = ti.Vector(list(value)) if np.ndim(value) else value
+        self.count[None] = row + 1
+        return row
+
+    def remove(self, rows) -> None:
+        """Remove particles; the last ones take their rows."""
+        for row in sorted((int(r) for r in rows), reverse=True):
+            last = self.count[None] - 1
+            if row != last:
+                for array in self.carried:
+                    self._copy_row(array, last, row)
+            self.count[None] = last
+
     def to_numpy(self, name: str) -> np.ndarray:
         """Return the entries in use of one field."""
         return self.arrays[name].to_numpy()[: self.count[None]]

@@ -82,7 +82,7 @@ class Solver:
         for c in classes:
             self.effects.append(c(parameters[c.Parameters], self))
         self.scheme = scheme(self)
-        for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration"):
+        for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
             setattr(self, f"{hook}_effects", [e for e in self.effects if e.overrides(hook)])
         self._prepare_rest_state()
 
@@ -136,7 +136,8 @@ class Solver:
                         a += effect.wall_acceleration(i, b, x_ib, self.wall_pairs.gradient[k],
                                                       self.wall_pairs.weight[k])
             self.acceleration[i] = a
-            self.velocity[i] += dt * a
+        for i in range(self.count[None]):
+            self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:
         """Smallest limit of the scheme and of the active effects, s."""
@@ -226,7 +227,7 @@ class Solver:
         return state
 
     def restore(self, state: dict) -> None:
-        """Take up a state; fields that it lacks (effects new to this scene) keep their start values."""
+        """Take up a state; an effect whose fields it lacks (new to this scene) starts from the particles."""
         self.time, self.step_count = float(state["time"]), int(state["step_count"])
         self.next_id = int(state["next_id"])
         self.count[None] = len(state["particles.id"])
@@ -236,6 +237,37 @@ class Solver:
         self.particles.from_numpy("acceleration", state["acceleration"])
         self.scheme.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
         for effect in self.effects:
+            if any(f.carried and f"particles.{f.name}" not in state for f in effect.fields):
+                effect.start()
             prefix = f"{effect.name}."
             effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
         self._largest_values()
+
+    @ti.kernel
+    def _total_pressure(self, total: ti.types.ndarray()):
+        for i in range(self.count[None]):
+            p = self.particles.arrays["pressure"][i]
+            for effect in ti.static(self.potential_effects):
+                p += effect.potential(i)
+            total[i] = p
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Arrays of the present state, sorted by id, SI.
+
+        id, phase, position, velocity, volume, mass, compression_rate as in the fields; pressure with the potentials
+        that effects keep out of the solve; volume_fraction (n, liquids), 0 or 1 where nothing mixes.
+        """
+        names = ("id", "phase", "position", "velocity", "volume", "mass", "compression_rate")
+        arrays = {name: self.particles.to_numpy(name) for name in names}
+        arrays["pressure"] = np.zeros(self.count[None], dtype=real_numpy())
+        self._total_pressure(arrays["pressure"])
+        if "volume_fraction" in self.particles.arrays:
+            arrays["volume_fraction"] = self.particles.to_numpy("volume_fraction")
+        else:
+            arrays["volume_fraction"] = np.eye(len(self.liquids), dtype=real_numpy())[arrays["phase"]]
+        order = np.argsort(arrays["id"])
+        return {name: values[order] for name, values in arrays.items()}
+
+    def bytes(self) -> int:
+        """Memory of particle fields and neighbor rows."""
+        return self.particles.bytes() + sum(rows.bytes() for rows in (self.pairs, self.wall_pairs, self.search.wall_rows))

@@ -41,6 +41,9 @@ class Effect:
 
     # Hooks on the host, in the order of a step.
 
+    def start(self) -> None:
+        """Set this effect's carried fields from the particles, where no checkpoint has them."""
+
     def stable_time_step(self) -> float:
         """Largest stable time step at the present state, s."""
         return float("inf")

@@ -1,0 +1,178 @@
+"""Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.cli import run
+from pipeline.errors import UserError
+from pipeline.files import replacing_folder
+from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
+from pipeline.progress import progress
+from pipeline.scene import Scene, load_resolved
+
+
+def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """Liquid of every particle at t = 0: one liquid, or several stacked level, the heaviest at the bottom.
+
+    Parameters
+    ----------
+    position : (n, d), m; down : (d,) direction of gravity.
+
+    Returns
+    -------
+    (n,) phase indices; volumes are met to one particle.
+    """
+    names = [liquid.name for liquid in scene.liquids]
+    if scene.initial.fill is None:
+        return np.full(len(position), names.index(scene.initial.liquid or names[0]))
+    fill = {names.index(name): value for name, value in scene.initial.fill.items()}
+    heavy_first = sorted(fill, key=lambda phase: -scene.liquids[phase].density)
+    bounds = np.round(np.cumsum([fill[phase] for phase in heavy_first]) * len(position)).astype(int)
+    phases = np.empty(len(position), int)
+    start = 0
+    bottom_first = np.argsort(-(position @ down), kind="stable")
+    for phase, end in zip(heavy_first, bounds):
+        phases[bottom_first[start:end]] = phase
+        start = end
+    return phases
+
+
+def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
+    """Solver of a scene at t = 0; Taichi must run already."""
+    from sim.effects.gravity import POSTURES
+    from sim.solver import Solver
+
+    gravity = scene.effects.get("gravity")
+    posture = POSTURES[gravity.posture] if gravity else POSTURES["upright"]
+    position = initial["fluid_position"]
+    phases = initial_phases(scene, position, np.array(posture[: position.shape[1]]))
+    return Solver(
+        scene.settings(), fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
+        wall_position=initial["wall_position"], wall_volume=initial["wall_volume"],
+        wall_depth=initial["wall_distance"], sdf_values=initial["sdf_values"], sdf_origin=initial["sdf_origin"],
+        sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"])
+
+
+def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
+    """The present state as a frame."""
+    arrays = solver.snapshot()
+    gravity = np.zeros(3)
+    for effect in solver.effects:
+        if effect.name == "gravity":
+            gravity = effect.parameters.magnitude * effect.direction(solver.time)
+    dimension = solver.dimension
+    mass = arrays["mass"].astype(float)
+    velocity = np.zeros((len(mass), 3), dtype=arrays["velocity"].dtype)
+    velocity[:, :dimension] = arrays["velocity"]
+    energies = {
+        "kinetic_energy": 0.5 * float(mass @ (arrays["velocity"].astype(float) ** 2).sum(1)),
+        "potential_energy": -float(mass @ (arrays["position"].astype(float) @ gravity[:dimension])),
+        "compression_maximum": float(arrays["compression_rate"].max()),
+    }
+    return FrameData(
+        position=arrays["position"], id=arrays["id"], phase=arrays["volume_fraction"].argmax(1), velocity=velocity,
+        pressure=arrays["pressure"], volume=arrays["volume"], volume_fraction=arrays["volume_fraction"],
+        compression_rate=arrays["compression_rate"], time=solver.time, step=solver.step_count, gravity=gravity,
+        particle_spacing=scene.numerics.particle_spacing, scene=scene.name,
+        liquids=tuple(liquid.name for liquid in scene.liquids), statistics=statistics | energies)
+
+
+class Average:
+    """Statistics of the solver since the last frame: means, and largest values of what ends in `_maximum`."""
+
+    def __init__(self):
+        self.values: dict[str, list[float]] = {}
+
+    def add(self, statistics: dict[str, float]) -> None:
+        """Take in the statistics of one step."""
+        for name, value in statistics.items():
+            self.values.setdefault(name, []).append(value)
+
+    def take(self) -> dict[str, float]:
+        """Return the summary and start anew."""
+        summary = {name: float(max(v) if name.endswith(("_maximum", "_hit")) else np.mean(v))
+                   for name, v in self.values.items()}
+        self.values = {}
+        return summary
+
+
+def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
+    """Advance `solver` over one segment and write its frames into `folder`.
+
+    Raises
+    ------
+    UserError
+        When the run goes bad; the message names the step and what failed.
+    """
+    from sim.solver import Divergence
+
+    frames = scene.frames_of_segment(segment)
+    average = Average()
+    label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
+    with progress(len(frames), label) as bar:
+        for index in frames:
+            begin = solver.time
+            until = index * scene.output.frame_interval
+            try:
+                for dt in solver.advance(until):
+                    average.add(solver.statistics)
+                    bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
+                                        f"{solver.statistics['pressure_iterations']} pressure iterations")
+                    bar.update(dt / (until - begin))
+            except (Divergence, OverflowError) as error:
+                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: {error}; the checkpoint before "
+                                "this segment is kept, try a smaller numerics.courant_number or maximum_time_step"
+                                ) from error
+            if index == 0:
+                bar.update(1)
+            write_frame(frame_path(folder, index), frame_of(scene, solver, average.take()))
+
+
+def print_timings(solver) -> None:
+    """One line per part of the solver: seconds and share."""
+    total = sum(solver.seconds.values()) or 1.0
+    print(f"{solver.step_count} steps so far, {solver.bytes() / 2**20:.0f} MiB of fields and rows; seconds by part:")
+    for name, seconds in sorted(solver.seconds.items(), key=lambda item: -item[1]):
+        print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command line of the stage."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.simulate", description=__doc__)
+    p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
+    p.add_argument("initial", type=Path, help="particles and signed distance of the voxelize stage (initial.npz)")
+    p.add_argument("--segment", type=int, default=0, help="which segment (default 0)")
+    p.add_argument("--restart", type=Path, help="checkpoint to start from: that of the segment before")
+    p.add_argument("--frames", type=Path, required=True, help="folder of frames to write")
+    p.add_argument("--checkpoint", type=Path, required=True, help="checkpoint to write at the end")
+    p.add_argument("--threads", type=int, help="threads of the solver (default: numerics.threads of the scene)")
+    return p
+
+
+def main() -> None:
+    """Run one segment."""
+    arguments = parser().parse_args()
+    scene = load_resolved(arguments.scene)
+    if not 0 <= arguments.segment < scene.segment_count:
+        raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {scene.segment_count - 1}")
+    if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
+        raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
+    initial = load_checkpoint(arguments.initial)
+    state = load_checkpoint(arguments.restart) if arguments.restart else None
+    from sim.runtime import initialize
+
+    initialize(scene.numerics.precision, scene.numerics.threads if arguments.threads is None else arguments.threads)
+    solver = build_solver(scene, initial)
+    if state:
+        solver.restore(state)
+        if arguments.segment == 0:  # the end of another scene is the start of this one
+            solver.time, solver.step_count = 0.0, 0
+    with replacing_folder(arguments.frames) as folder:
+        simulate_segment(scene, solver, arguments.segment, folder)
+        save_checkpoint(arguments.checkpoint, solver.state())
+    print_timings(solver)
+
+
+if __name__ == "__main__":
+    run(main)
