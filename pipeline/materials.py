@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.scene_files import read_yaml
 from pipeline.scene_model import Material
-from pipeline.scene_reader import FAILED, Errors, Key, Reader, describe, nearest
+from pipeline.scene_reader import FAILED, Errors, Incomplete, Key, Reader, describe, nearest
 from pipeline.units import is_kinematic_viscosity, parse_quantity
 
 PROPERTIES = tuple(field.name for field in dataclasses.fields(Material) if field.name != "name")
@@ -43,7 +43,7 @@ def read_liquids(data: Any, materials: Mapping[str, Material], reader: Reader, e
 
 def _read_material(name: str, data: Any, key: Key, reader: Reader, base: Material | None = None) -> Any:
     if not reader.is_mapping(data, key):
-        return FAILED
+        return Incomplete({"name": name})
     reader.refuse_unknown(data, PROPERTIES, key)
     properties = {"name": name} | {name: data[name] for name in PROPERTIES if name in data}
     if is_kinematic_viscosity(properties.get("dynamic_viscosity")):

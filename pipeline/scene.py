@@ -11,10 +11,10 @@ from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import write_text
 from pipeline.materials import load_materials, read_liquids
-from pipeline.scene_checks import check
+from pipeline.scene_checks import check, check_start
 from pipeline.scene_files import read_extended, read_yaml, sibling
-from pipeline.scene_model import SCENE_KEYS, Eye, Initial, Material, Scene
-from pipeline.scene_reader import FAILED, Errors, Incomplete, Reader, describe, nearest
+from pipeline.scene_model import SCENE_KEYS, Eye, Initial, Scene
+from pipeline.scene_reader import FAILED, Errors, Reader, describe, nearest
 from pipeline.scene_schema import list_text, schema_text
 from sim.settings import Numerics
 
@@ -60,9 +60,7 @@ def load_resolved(path: str | Path) -> Scene:
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UserError(f"{path}: not a resolved scene ({error})") from None
     errors = Errors(path)
-    liquids = data.get("liquids") if isinstance(data, dict) else None
-    names = [liquid.get("name") for liquid in liquids if isinstance(liquid, dict)] if isinstance(liquids, list) else []
-    scene = Reader(errors, names).record(Scene, data)
+    scene = Reader(errors, _liquid_names(data)).record(Scene, data)
     errors.raise_any()
     for key, message in check(vars(scene)):
         errors.add(key, message)
@@ -80,7 +78,7 @@ class _Resolver:
         if accuracy is None:
             where = f"{config_dir / 'config.yaml'}: accuracy"
             accuracy = read_yaml(config_dir / "config.yaml").get("accuracy")
-        if accuracy not in levels:
+        if not isinstance(accuracy, str) or accuracy not in levels:
             raise UserError(f"{where} is {describe(accuracy)}, but must be one of {', '.join(levels)}"
                             f"{nearest(accuracy, levels)}")
         self.accuracy, self.numerics = accuracy, levels[accuracy]
@@ -97,7 +95,7 @@ class _Resolver:
         parts = self._read_parts(path.stem, data, errors)
         for key, message in check(parts):
             errors.add(key, message)
-        if "eye" in parts:
+        if isinstance(parts.get("eye"), Eye):
             parts["eye"] = _with_mesh_beside(path, parts["eye"], errors)
         if parts.get("start_from") is not None:
             self._check_start(parts, path, (*chain, path), errors)
@@ -122,22 +120,14 @@ class _Resolver:
         return parts
 
     def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
-        """Collect an error for every part in which the scene differs from the one that it starts from."""
+        """Collect the errors of the scene that this one starts from, or of what they should have in common."""
         try:
             start = self.resolve(sibling(path, "start_from", parts["start_from"], chain), chain)
         except UserError as error:
             errors.messages.extend(error.messages)
             return
-        must = f"but must be as in {start.name}, from which this scene starts"
-        if "liquids" in parts and (names := _names(parts["liquids"])) != _names(start.liquids):
-            errors.add(("liquids",), f"are {', '.join(names)}, {must}: {', '.join(_names(start.liquids))}")
-        if "numerics" in parts:
-            spacing, expected = (numerics.particle_spacing for numerics in (parts["numerics"], start.numerics))
-            if spacing != expected:
-                errors.add(("numerics", "particle_spacing"), f"is {1e3 * spacing:g} mm, {must}: {1e3 * expected:g} mm")
-        for name in ("dimension", "eye"):
-            if name in parts and not isinstance(parts[name], Incomplete) and parts[name] != getattr(start, name):
-                errors.add((name,), f"is different, {must}")
+        for key, message in check_start(parts, start):
+            errors.add(key, message)
 
 
 def load_accuracy_levels(path: Path) -> dict[str, Numerics]:
@@ -159,8 +149,11 @@ def _with_mesh_beside(scene_file: Path, eye: Eye, errors: Errors) -> Eye:
     return dataclasses.replace(eye, path=os.path.normpath(mesh))
 
 
-def _names(liquids: tuple[Material, ...]) -> list[str]:
-    return [liquid.name for liquid in liquids]
+def _liquid_names(data: Any) -> list[str]:
+    """Return the names of the liquids in a resolved scene, as far as they can be found."""
+    liquids = data.get("liquids") if isinstance(data, dict) else None
+    names = [liquid.get("name") for liquid in liquids if isinstance(liquid, dict)] if isinstance(liquids, list) else []
+    return [name for name in names if isinstance(name, str)]
 
 
 def _write(text: str, output: Path | None) -> None:

@@ -4,13 +4,14 @@ Every check is a function whose arguments name the parts of the scene that it lo
 message of every error. A check whose parts could not be read is left out: their errors are reported already.
 """
 import contextlib
+import dataclasses
 import inspect
 import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 
-from pipeline.scene_model import Eye, Initial, Material, Output
+from pipeline.scene_model import Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
 from sim.settings import Numerics
 
@@ -43,6 +44,25 @@ def check(parts: Mapping[str, object]) -> Found:
         if names.keys() <= parts.keys():
             with contextlib.suppress(NotRead):
                 yield from function(**{name: parts[name] for name in names})
+
+
+# What a scene must have in common with the one whose last checkpoint it starts from, as error messages show it.
+_SAME_AS_START: dict[Key, Callable[[Mapping], object]] = {
+    ("dimension",): lambda parts: parts["dimension"],
+    ("liquids",): lambda parts: ", ".join(liquid.name for liquid in parts["liquids"]),
+    ("numerics", "particle_spacing"): lambda parts: f"{1e3 * parts['numerics'].particle_spacing:.9g} mm",
+    **{("eye", field.name): lambda parts, name=field.name: getattr(parts["eye"], name)
+       for field in dataclasses.fields(Eye)},
+}
+
+
+def check_start(parts: Mapping[str, object], start: Scene) -> Found:
+    """Yield the errors of a scene that cannot start from the last checkpoint of ``start``."""
+    for key, shown in _SAME_AS_START.items():
+        with contextlib.suppress(NotRead, KeyError):
+            found, expected = shown(parts), shown(vars(start))
+            if found != expected:
+                yield key, f"is {found}, but must be {expected} as in {start.name}, from which this scene starts"
 
 
 @_check

@@ -87,7 +87,7 @@ class Reader:
         What ``data`` leaves out is taken from ``base``, if given.
         """
         if not self.is_mapping(data, key):
-            return FAILED
+            return Incomplete({})
         fields = {field.name: field for field in dataclasses.fields(cls)}
         self.refuse_unknown(data, fields, key)
         values = {name: self.field(field, data.get(name, dataclasses.MISSING), (*key, name), base)
@@ -141,8 +141,7 @@ class Reader:
         if not self.is_mapping(data, key):
             return FAILED
         self.refuse_unknown(data, kinds, key)
-        records = {name: self.record(kinds[name], data[name], (*key, name)) for name in kinds if name in data}
-        return {name: Incomplete({}) if record is FAILED else record for name, record in records.items()}
+        return {name: self.record(kinds[name], data[name], (*key, name)) for name in kinds if name in data}
 
     def _tuple(self, kinds: tuple, metadata: Mapping, data: Any, key: Key) -> Any:
         if not isinstance(data, (list, tuple)):

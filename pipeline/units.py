@@ -36,7 +36,7 @@ def parse_quantity(value: float | int | str, unit: str = "") -> float:
             raise ValueError(f'"{value}", but must be {_wanted(unit)}')
         number, text = float(match[1]), match[2]
     else:
-        number, text = float(value), ""
+        number, text = float(str(value)), ""  # by way of text, a whole number beyond the range of floats is infinite
     if not math.isfinite(number):
         raise ValueError(f"{value}, but must be a finite number")
     return _convert(number, text, unit, value) if text else number
