@@ -71,24 +71,25 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     return mesh
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.eye", description=__doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     parser.add_argument("--output", type=Path, required=True, help="surface to write (eye.vtp)")
     parser.add_argument("--report", type=Path, required=True, help="report to write (eye.json)")
     parser.add_argument("--picture", type=Path, help="picture of a defect that cannot be repaired "
                                                      "(default: eye_defects.png beside the report)")
-    arguments = parser.parse_args()
-    picture = arguments.picture or arguments.report.with_name("eye_defects.png")
+    options = parser.parse_args(arguments)
+    picture = options.picture or options.report.with_name("eye_defects.png")
     start = time.perf_counter()
     try:
-        mesh, source = cavity_mesh(load_resolved(arguments.scene).eye)
+        mesh, source = cavity_mesh(load_resolved(options.scene).eye)
     except MeshRefused as refused:
         raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
     picture.unlink(missing_ok=True)
     report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
-    write_mesh(mesh, arguments.output)
-    write_text(arguments.report, json.dumps(report, indent=2) + "\n")
+    write_mesh(mesh, options.output)
+    write_text(options.report, json.dumps(report, indent=2) + "\n")
     for sentence in report.get("repairs", ()):
         print(f"repair: {sentence}")
     print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")

@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
 
-CANDIDATES = 6          # triangles tried per node: those with the nearest centers
+CANDIDATES = 4          # triangles tried per node, nearest centers first: right to 0.005 spacings (6: 0.001)
 CHUNK = 200_000         # nodes per batch, keeps the arrays of the batch near 100 MB
 # A domain of D dimensions has arrays of shape (..., D); D is 2 or 3.
 

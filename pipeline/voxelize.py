@@ -55,7 +55,7 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     if count < FEWEST_PARTICLES:
         raise UserError(f"{source}: numerics.particle_spacing: {1e3 * spacing:g} mm leaves {count} particles in a "
                         f"cavity of {1e6 * mesh.volume:.3g} mL, but at least {FEWEST_PARTICLES} are needed (at most "
-                        f"{1e3 * np.cbrt(mesh.volume / FEWEST_PARTICLES):.2g} mm)")
+                        f"{1e3 * np.cbrt(mesh.volume / FEWEST_PARTICLES):.3g} mm)")
     check_points_inside(scene, mesh, distance, source)
     walls = wall_layers(distance, spacing, numerics.wall_layers)
     fluid = deepest_points(distance, *mesh.bounds, count, spacing)
@@ -112,19 +112,20 @@ def nearest_distances(points: np.ndarray) -> np.ndarray:
     return cKDTree(points).query(points, k=2, workers=-1)[0][:, 1]
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.voxelize", description=__doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     parser.add_argument("mesh", type=Path, help="surface of the cavity (eye.vtp)")
     parser.add_argument("--output", type=Path, required=True, help="arrays to write (initial.npz)")
     parser.add_argument("--report", type=Path, required=True, help="report to write (voxelize.json)")
-    arguments = parser.parse_args()
+    options = parser.parse_args(arguments)
     start = time.perf_counter()
-    arrays, report = voxelize(load_resolved(arguments.scene), read_mesh(arguments.mesh), str(arguments.scene))
-    with replacing(arguments.output) as temporary:
+    arrays, report = voxelize(load_resolved(options.scene), read_mesh(options.mesh), str(options.scene))
+    with replacing(options.output) as temporary:
         np.savez(temporary, **arrays)
     report["seconds"] = time.perf_counter() - start
-    write_text(arguments.report, json.dumps(report, indent=2) + "\n")
+    write_text(options.report, json.dumps(report, indent=2) + "\n")
     print(f"{report['fluid_particles']} liquid and {report['wall_particles']} wall particles, liquid volume "
           f"{100 * report['relative_volume_error']:+.2f} % of the mesh, {report['seconds']:.1f} s")
     if abs(report["relative_volume_error"]) > LARGEST_VOLUME_ERROR:

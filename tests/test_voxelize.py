@@ -170,7 +170,7 @@ def test_points_outside_the_eye_are_refused(key, point, outside):
 
 
 def test_spacing_too_large_for_the_eye_is_refused():
-    with pytest.raises(UserError, match=r"particle_spacing: 3 mm leaves 188 particles .* at most 2.9 mm"):
+    with pytest.raises(UserError, match=r"particle_spacing: 3 mm leaves 188 particles .*at most 2.93 mm"):
         voxelize(scene_with(particle_spacing=3e-3), eye_mesh(eye_shape()))
 
 
