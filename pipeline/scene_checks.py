@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from pipeline.scene_model import Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
+from sim.effects import REGISTRY
 from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
@@ -92,6 +93,14 @@ def _effects_do_not_conflict(effects: dict) -> Found:
     for first, second, reason in CONFLICTS:
         if effects.keys() >= {first, second}:
             yield ("effects", second), f"cannot be used together with {first}: {reason}; remove one of them"
+
+
+@_check
+def _effects_have_what_they_require(effects: dict) -> Found:
+    for name in effects:
+        for required in REGISTRY[name].requires:
+            if required not in effects:
+                yield ("effects", name), f"needs the effect {required} too; add {required} or remove {name}"
 
 
 @_check

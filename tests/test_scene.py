@@ -14,6 +14,7 @@ from pipeline.scene import PROJECT_CONFIG, load_accuracy_levels, load_resolved, 
 from pipeline.scene_files import read_yaml
 from pipeline.scene_schema import schema_text
 from pipeline.units import parse_quantity
+from sim.effects import REGISTRY
 
 SHIPPED = sorted((PROJECT_CONFIG / "scenes").glob("*.yaml"))
 LEVELS = tuple(load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))
@@ -298,6 +299,12 @@ def test_cycle_over_several_scenes(write):
     assert "(case -> other -> case)" in errors_of(write("extends: other"))[0]
     write("extends: tamponade\nstart_from: case", "other")
     assert "(case -> other -> case)" in errors_of(write("extends: tamponade\nstart_from: other"))[0]
+
+
+def test_effect_without_the_one_it_requires(write, monkeypatch):
+    monkeypatch.setattr(REGISTRY["diffusion"], "requires", ("cohesion",))
+    messages = errors_of(write("extends: tamponade\neffects: {diffusion: {coefficient: 1e-6}}"))
+    assert messages[0].endswith("effects.diffusion needs the effect cohesion too; add cohesion or remove diffusion")
 
 
 def test_name_that_cannot_be_a_folder(write):
