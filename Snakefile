@@ -24,6 +24,8 @@ configfile: "config/config.yaml"
 
 flow = Workflow(config)
 SCENE = ancient("outputs/{scene}/scene.json")
+FRAMES = "outputs/{scene}/frames/segment_{segment}"
+IMAGES = "outputs/{scene}/images/segment_{segment}"
 
 
 wildcard_constraints:
@@ -93,7 +95,7 @@ rule simulate:
         initial="outputs/{scene}/initial.npz",
         restart=lambda w: flow.start(w.scene, w.segment),
     output:
-        frames=directory("outputs/{scene}/frames/segment_{segment}"),
+        frames=directory(FRAMES),
         checkpoint="outputs/{scene}/checkpoints/segment_{segment}.npz",
     params:
         depends=flow.depends("simulate"),
@@ -110,7 +112,7 @@ rule simulate:
 
 rule index_frames:
     input:
-        lambda w: expand("outputs/{scene}/frames/segment_{segment}", scene=w.scene, segment=flow.segments(w.scene)),
+        lambda w: expand(FRAMES, scene=w.scene, segment=flow.segments(w.scene)),
     output:
         "outputs/{scene}/frames/frames.pvd",
     params:
@@ -124,7 +126,7 @@ rule reconstruct:
     input:
         scene=SCENE,
         initial="outputs/{scene}/initial.npz",
-        frames="outputs/{scene}/frames/segment_{segment}",
+        frames=FRAMES,
     output:
         directory("outputs/{scene}/surfaces/segment_{segment}"),
     params:
@@ -141,10 +143,10 @@ rule render:
         scene=SCENE,
         initial="outputs/{scene}/initial.npz",
         eye="outputs/{scene}/eye.vtp",
-        frames="outputs/{scene}/frames/segment_{segment}",
+        frames=FRAMES,
         surfaces="outputs/{scene}/surfaces/segment_{segment}",
     output:
-        report(directory("outputs/{scene}/images/segment_{segment}"), patterns=["frame_{frame}.png"],
+        report(directory(IMAGES), patterns=["frame_{frame}.png"],
                category="{scene}", caption="docs/report/picture.rst", labels={"what": "4 picture of frame {frame}"}),
     params:
         depends=flow.depends("render"),
@@ -157,7 +159,7 @@ rule render:
 
 rule movie:
     input:
-        lambda w: expand("outputs/{scene}/images/segment_{segment}", scene=w.scene, segment=flow.segments(w.scene)),
+        lambda w: expand(IMAGES, scene=w.scene, segment=flow.segments(w.scene)),
     output:
         report("outputs/{scene}/movie.mp4", category="{scene}", caption="docs/report/movie.rst",
                labels={"what": "1 movie"}),
@@ -168,27 +170,11 @@ rule movie:
     shell: "python -m pipeline.movie {input} --output {output} --fps 24 2>&1 | tee {log}"
 
 
-rule measure:
-    input:
-        scene=SCENE,
-        initial="outputs/{scene}/initial.npz",
-        frames="outputs/{scene}/frames/segment_{segment}",
-    output:
-        "outputs/{scene}/metrics/segment_{segment}.csv",
-    params:
-        depends=flow.depends("metrics"),
-    log: "outputs/{scene}/logs/measure_{segment}.log",
-    message: "{wildcards.scene}: measure segment {wildcards.segment}",
-    shell:
-        "python -m pipeline.metrics measure {input.scene} {input.initial} {input.frames} --output {output}"
-        " 2>&1 | tee {log}"
-
-
 rule metrics:
     input:
         scene=SCENE,
-        tables=lambda w: expand(
-            "outputs/{scene}/metrics/segment_{segment}.csv", scene=w.scene, segment=flow.segments(w.scene)),
+        initial="outputs/{scene}/initial.npz",
+        frames=lambda w: expand(FRAMES, scene=w.scene, segment=flow.segments(w.scene)),
     output:
         table=report("outputs/{scene}/metrics.csv", category="{scene}", caption="docs/report/metrics.rst",
                      labels={"what": "3 metrics of every frame"}),
@@ -199,7 +185,7 @@ rule metrics:
     params:
         depends=flow.depends("metrics"),
     log: "outputs/{scene}/logs/metrics.log",
-    message: "{wildcards.scene}: gather and plot the metrics",
+    message: "{wildcards.scene}: measure and plot all frames",
     shell:
-        "python -m pipeline.metrics gather {input.scene} {input.tables} --output {output.table}"
+        "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"

@@ -5,18 +5,17 @@ becomes a column of ``metrics.csv`` (one per entry, if it returns several number
 """
 import argparse
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.errors import UserError
 from pipeline.frames import find_frames, read_frame
 from pipeline.measured import Measured, load_initial
-from pipeline.metrics_table import read_table, write_plots, write_summary, write_table
+from pipeline.metrics_table import write_plots, write_summary, write_table
 from pipeline.progress import progress
-from pipeline.scene import load_resolved
+from pipeline.scene import Scene, load_resolved
 
 Value = float | dict[str, float]
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
@@ -93,7 +92,7 @@ def potential_energy(state):
     return -np.sum(state.mass * (state.frame.position @ gravity))
 
 
-@metric("1", "largest relative compression of a particle since the frame before")
+@metric("1", "largest compression of a particle: the volume of its neighbors, weighted by the kernel; 1 at rest")
 def compression_maximum(state):
     return state.statistic("compression_maximum")
 
@@ -160,13 +159,16 @@ def smallest_spacing(state):
     return cKDTree(position).query(position, k=2)[0][:, 1].min() / state.frame.particle_spacing
 
 
-def measure(scene_path: Path, initial_path: Path, folder: Path) -> dict[str, list[float]]:
-    """Return the metrics of all frames in ``folder``: column -> one number per frame, beginning with ``frame``."""
-    scene = load_resolved(scene_path)
-    initial = load_initial(initial_path)
+def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
+    """Return the metrics of frames: column -> one number per frame, beginning with ``frame``.
+
+    Parameters
+    ----------
+    initial : arrays of ``initial.npz``.
+    paths : files of frames, in the order of time.
+    """
     table: dict[str, list[float]] = {}
-    paths = find_frames(folder)
-    with progress(len(paths), f"metrics {scene.name}") as bar:
+    with progress(len(paths), f"{scene.name}: metrics") as bar:
         for path in paths:
             state = Measured(scene, initial, read_frame(path))
             row = {"frame": int(path.stem.rpartition("_")[2])}
@@ -175,44 +177,22 @@ def measure(scene_path: Path, initial_path: Path, folder: Path) -> dict[str, lis
             for column, number in row.items():
                 table.setdefault(column, []).append(number)
             bar.update(1)
-    return table
-
-
-def gather(tables: list[Path]) -> dict[str, np.ndarray]:
-    """Return the tables of the segments as one, sorted by frame.
-
-    Raises
-    ------
-    UserError : a table is missing, or was written with other metrics.
-    """
-    parts = [read_table(path) for path in tables]
-    for path, part in zip(tables, parts, strict=True):
-        if list(part) != list(parts[0]):
-            raise UserError(f"{path}: has other columns than {tables[0]}; measure all segments again")
-    order = np.argsort(np.concatenate([part["frame"] for part in parts]), kind="stable")
-    return {column: np.concatenate([part[column] for part in parts])[order] for column in parts[0]}
+    return {column: np.array(numbers, float) for column, numbers in table.items()}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line: ``python -m pipeline.metrics measure ...`` and ``... gather ...``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.metrics", description="Numbers of every frame.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    one = commands.add_parser("measure", help="measure the frames of one segment")
-    one.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
-    one.add_argument("initial", type=Path, metavar="initial.npz", help="initial particles, wall and distance")
-    one.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
-    one.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
-    many = commands.add_parser("gather", help="join the tables of all segments, plot and summarize them")
-    many.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
-    many.add_argument("tables", type=Path, nargs="+", metavar="SEGMENT.csv", help="tables of the segments")
-    many.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
-    many.add_argument("--summary", type=Path, metavar="FILE.html", help="page with one row per metric")
-    many.add_argument("--plots", type=Path, metavar="DIR", help="folder for one plot per metric")
+    """Command line: ``python -m pipeline.metrics scene.json initial.npz FRAMES_DIR... --output metrics.csv``."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.metrics", description="Measure every frame of a scene.")
+    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
+    parser.add_argument("initial", type=Path, metavar="initial.npz", help="wall and signed distance")
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FRAMES_DIR", help="folders of frames")
+    parser.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
+    parser.add_argument("--summary", type=Path, metavar="FILE.html", help="page with one row per metric")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="folder for one plot per metric")
     options = parser.parse_args(arguments)
-    if options.command == "measure":
-        write_table(options.output, measure(options.scene, options.initial, options.frames))
-        return
-    scene, table = load_resolved(options.scene), gather(options.tables)
+    scene = load_resolved(options.scene)
+    paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
+    table = measure(scene, load_initial(options.initial), paths)
     write_table(options.output, table)
     if options.summary:
         write_summary(options.summary, table, METRICS, scene)

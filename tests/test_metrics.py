@@ -178,13 +178,9 @@ def run_folder(tmp_path, sphere):
 
 
 def test_command_line_makes_table_plots_and_summary(run_folder):
-    tables = []
-    for segment in ("segment_001", "segment_000"):
-        tables.append(str(run_folder / f"{segment}.csv"))
-        metrics.main(["measure", str(run_folder / "scene.json"), str(run_folder / "initial.npz"),
-                      str(run_folder / segment), "--output", tables[-1]])
-    metrics.main(["gather", str(run_folder / "scene.json"), *tables, "--output", str(run_folder / "metrics.csv"),
-                  "--summary", str(run_folder / "metrics.html"), "--plots", str(run_folder / "plots")])
+    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_001", "segment_000")),
+                  "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html"),
+                  "--plots", str(run_folder / "plots")])
     table = read_table(run_folder / "metrics.csv")
     assert table["frame"].tolist() == [0, 1, 2] and table["time [s]"].tolist() == [0.0, 0.1, 0.2]
     assert np.isnan(table["pressure_iterations [1]"][0]) and table["pressure_iterations [1]"][1] == 7
@@ -193,13 +189,6 @@ def test_command_line_makes_table_plots_and_summary(run_folder):
     assert {path.stem for path in (run_folder / "plots").iterdir()} == names - {"time"}
     page = (run_folder / "metrics.html").read_text()
     assert "Oil &amp; water." in page and all(one.meaning.split("'")[0] in page for one in metrics.METRICS)
-
-
-def test_segments_measured_with_other_metrics_are_refused(tmp_path):
-    (tmp_path / "a.csv").write_text("frame,time [s]\n0,0.0\n")
-    (tmp_path / "b.csv").write_text("frame,fill [%]\n1,0.0\n")
-    with pytest.raises(UserError, match=r"b.csv: has other columns"):
-        metrics.gather([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
 @pytest.mark.parametrize("text", ["", "frame,fill\n0,x\n", "frame,fill\n0\n", "fill\n0\n"])
