@@ -36,8 +36,7 @@ class EyeView:
         self.plotter.camera_position = [center + 4.0 * eye.length * VIEW, center, (0.0, 1.0, 0.0)]
         self.plotter.camera.parallel_scale = 0.60 * (eye.bounds[3] - eye.bounds[2])
         self.plotter.camera.clipping_range = (0.5 * eye.length, 12.0 * eye.length)
-        self.plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
-        self.plotter.disable_anti_aliasing()
+        peel(self.plotter)
 
     def draw(self, surfaces) -> np.ndarray:
         """Pixels (height, width, 3) with the closed liquid surfaces (pyvista.PolyData with ``depth``)."""
@@ -70,12 +69,17 @@ class EyeView:
                 for part, color, opacity in parts if part.n_cells]
 
 
+def peel(plotter) -> None:
+    """Draw translucent surfaces in the order of depth."""
+    plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
+    plotter.disable_anti_aliasing()
+
+
 def half_shell(eye):
     """The half of the wall on the patient's right (x < 0), with thickness and a flat cut rim; pyvista.PolyData."""
     closed = eye.compute_normals(cell_normals=False, auto_orient_normals=True, split_vertices=False)
     outer = closed.copy()
     outer.points = closed.points + SHELL_THICKNESS * closed.point_data["Normals"]
-    inner = closed.flip_faces() if hasattr(closed, "flip_faces") else closed
-    wall = (outer + inner).clean()
+    wall = outer.append_polydata(closed.flip_faces())
     wall.clear_data()
     return wall.clip_closed_surface(normal=(-1.0, 0.0, 0.0), origin=(0.0, 0.0, 0.0))

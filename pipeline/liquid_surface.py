@@ -23,8 +23,10 @@ DROPLET_PARTICLES = 200         # pieces up to this size have an offset of their
 LINK_DISTANCE = 1.5             # particles nearer than this many spacings belong to one piece
 OFFSET_ROUNDS = 3               # with three liquids and more every offset touches the others
 OFFSET_LIMIT = 0.8              # of a difference of fractions that lies in -1..1
+DROPLET_TOLERANCE = 0.03        # relative, where the search for a droplet's offset stops
 VOLUME_TOLERANCE = 2e-4         # relative, where the search for the offset stops
 SMOOTHING_PASS, SMOOTHING_BACK = 0.5, -0.53     # Taubin 1995, lambda and mu
+SECTION_LEVEL = 0.25            # where the dominance in the section is cut off
 SECTION_PIXELS = 480            # nodes of the section along its longer side, at least
 
 
@@ -79,7 +81,6 @@ class Reconstructor:
         known = distance_transform_edt(~self.near, return_distances=False, return_indices=True)
         number = np.cumsum(self.near.ravel()).reshape(self.shape) - 1
         self.extension = number[tuple(known)]       # for every node the nearest of near_nodes
-        self.inside_part = np.clip(0.5 + self.depth / cell_ratio, 0.0, 1.0)
         self.cavity_volume = self._mesh(np.ones(self.shape)).volume
         self.field = FractionField(self.spacing, self.origin, self.origin + extent, liquids)
         self._section = self._section_nodes(extent)
@@ -121,20 +122,25 @@ class Reconstructor:
         return result
 
     def section(self) -> Section:
-        """Section x = 0 of the frame given to :meth:`surfaces` last, sharp at the interface."""
+        """Section x = 0 of the frame given to :meth:`surfaces` last, sharp at the interface.
+
+        The dominance is cut off at ``SECTION_LEVEL``, and the fraction is 0 well outside the cavity: constant values
+        make small files.
+        """
         points, shape, cell = self._section
         wall = self._wall_at(points)
         index = ((points - self.origin) / self.cell).T
         level = np.stack([map_coordinates(values, index, order=1, mode="nearest") for values in self._dominance], -1)
         fraction = np.zeros_like(level)
-        band = wall < self.wall_cell
+        band = wall < 2.0 * cell
         weight, share = self.field.sample(points[band])
         fraction[band] = sided_fraction(weight, share, level[band].argmax(axis=1))
-        # Voids and the outside take the value of the nearest point that has one.
-        known = band & np.isfinite(fraction).all(axis=1)
-        nearest = distance_transform_edt(~known.reshape(shape), return_distances=False, return_indices=True)
-        fraction = fraction.reshape(*shape, -1)[tuple(nearest)]
-        return Section(fraction.astype(np.float32), level.reshape(fraction.shape).astype(np.float32),
+        void = ~np.isfinite(fraction).all(axis=1)
+        if void.any():
+            _, nearest = cKDTree(points[band & ~void]).query(points[void])
+            fraction[void] = fraction[band & ~void][nearest]
+        return Section(fraction.reshape(*shape, -1).astype(np.float32),
+                       np.clip(level, -SECTION_LEVEL, SECTION_LEVEL).reshape(*shape, -1).astype(np.float32),
                        wall.reshape(shape).astype(np.float32), self.origin[1:], cell)
 
     def depth_at(self, points: np.ndarray) -> np.ndarray:
@@ -216,30 +222,41 @@ class Reconstructor:
         return [members[label == piece] for piece in np.flatnonzero(size <= DROPLET_PARTICLES)]
 
     def _droplet_offsets(self, frame: FrameData, fraction: np.ndarray, droplets) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes around the droplets (k,) and the offsets there (liquids, k) that give each its particles' volume.
-
-        The nodes around a droplet are ranked by the dominance of its liquid; the offset lets in as many of them as its
-        volume holds cells.
-        """
+        """Nodes around the droplets (k,) and the offsets there (liquids, k) that give each its particles' volume."""
         tree = cKDTree(self.near_nodes) if any(droplets) else None
         near = np.flatnonzero(self.near)
-        rows = fraction.reshape(len(fraction), -1)
         nodes, offsets = [np.zeros(0, int)], [np.zeros((len(fraction), 0))]
         for liquid, piece in ((liquid, piece) for liquid, pieces in enumerate(droplets) for piece in pieces):
             found = tree.query_ball_point(frame.position[piece], LINK_DISTANCE * self.spacing)
             around = near[np.unique(np.concatenate(found).astype(int))]
             if not len(around):
                 continue        # a particle that has left the cavity
-            own = rows[:, around]
-            lack = np.delete(own, liquid, axis=0).max(axis=0) - own[liquid]
-            order = np.argsort(lack, kind="stable")
-            held = np.cumsum(self.inside_part.ravel()[around][order]) * self.cell**3
-            enough = np.searchsorted(held, np.sum(frame.volume[piece], dtype=np.float64))
             offset = np.zeros((len(fraction), len(around)))
-            offset[liquid] = lack[order][min(enough, len(around) - 1)]
+            offset[liquid] = self._droplet_offset(fraction, liquid, around, np.sum(frame.volume[piece], dtype=float))
             nodes.append(around)
             offsets.append(offset)
         return np.concatenate(nodes), np.concatenate(offsets, axis=1)
+
+    def _droplet_offset(self, fraction: np.ndarray, liquid: int, around: np.ndarray, target: float) -> float:
+        """Offset at the flat nodes ``around`` with which the contour there holds the volume ``target``, m**3."""
+        index = np.array(np.unravel_index(around, self.shape))
+        low = index.min(axis=1)
+        block = tuple(slice(start, stop + 1) for start, stop in zip(low, index.max(axis=1), strict=True))
+        own = fraction[(slice(None), *block)]
+        level = own[liquid] - np.delete(own, liquid, axis=0).max(axis=0)
+        members = np.zeros(level.shape, bool)
+        members[tuple(index - low[:, None])] = True
+        reach = np.sort(-level[members])
+        depth = self.depth[block]
+
+        def error(value: float) -> float:
+            raised = np.minimum(np.where(members, level + value, -1.0), depth)
+            relative = contour(raised, self.origin, self.cell, self.method).volume / target - 1.0
+            return 0.0 if abs(relative) < DROPLET_TOLERANCE else relative
+
+        if error(reach[-1]) <= 0.0:
+            return reach[-1]        # all that is near: a droplet pressed against the wall
+        return brentq(error, reach[0], reach[-1], xtol=1e-3)
 
 
 def taubin_filter(iterations: int) -> np.ndarray:

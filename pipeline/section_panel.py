@@ -127,7 +127,9 @@ class SectionPanel:
             pixels[region] = color
         edge = lens & ~_eroded(lens, max(1, round(0.2 * self.unit)))
         pixels[edge] = FAINT_INK
-        self.lens_center = (0.0, 0.5 * (lens_back + lens_front)) if eye.lens != "aphakic" else None
+        # The name of the thin artificial lens stands in front of it.
+        self.lens_center = {"phakic": (0.0, 0.5 * (lens_back + lens_front)), "pseudophakic": (0.0, lens_back + 2.6e-3)
+                            }.get(eye.lens)
         return pixels
 
     def _marks(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:

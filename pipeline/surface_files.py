@@ -6,6 +6,12 @@ import numpy as np
 from pipeline.contour import TriangleMesh
 from pipeline.errors import UserError
 
+EMPTY = {
+    ".ply": b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 0\nproperty list uchar int vertex_indices\nend_header\n",
+    ".stl": bytes(84),
+}
+
 
 def surface_path(folder: Path, frame: str, liquid: str, suffix: str = ".vtp") -> Path:
     """Path of the surface of ``liquid`` in the frame named ``frame`` ("frame_00000")."""
@@ -28,8 +34,11 @@ def write_surface(path: Path, mesh: TriangleMesh, *, time: float, liquid: str, d
 
 
 def write_copy(path: Path, mesh: TriangleMesh) -> None:
-    """Write the surface once more as ``.ply`` or ``.stl``, by suffix; an empty STL is a header."""
-    to_polydata(mesh).save(path)
+    """Write the surface once more as ``.ply`` or ``.stl``, by suffix; an empty surface gives an empty file."""
+    if len(mesh.triangles):
+        to_polydata(mesh).save(path)
+    else:
+        Path(path).write_bytes(EMPTY[Path(path).suffix])    # VTK refuses to write nothing
 
 
 def to_polydata(mesh: TriangleMesh):
