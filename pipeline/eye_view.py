@@ -6,7 +6,7 @@ peeling off; so the panel is drawn larger and averaged with the rest of the pict
 import numpy as np
 
 PEELS = 4
-SHELL_COLOR, RIM_COLOR, FREE_COLOR, TOUCH_COLOR = "#dfe5ec", "#b79d96", "#ffe14d", "#d98200"
+SHELL_COLOR, TOUCH_COLOR = "#dfe5ec", "#d98200"
 SHELL_THICKNESS = 0.4e-3        # m, drawn
 TOUCH_DEPTH = 0.1e-3            # m; nearer to the wall the surface counts as touching
 # Camera: from the patient's left, in front and above; in units of the eye's size.
@@ -39,13 +39,13 @@ class EyeView:
         peel(self.plotter)
 
     def draw(self, surfaces) -> np.ndarray:
-        """Pixels (height, width, 3) with the closed liquid surfaces (pyvista.PolyData with ``depth``)."""
+        """Pixels (height, width, 3) with closed surfaces: pairs of pyvista.PolyData with ``depth``, and a color."""
         for actor in self._liquids:
             self.plotter.remove_actor(actor, render=False)
         self._liquids = []
-        for surface in surfaces:
+        for surface, color in surfaces:
             if surface.n_cells:
-                self._liquids += self._add(surface)
+                self._liquids += self._add(surface, color)
         self.plotter.render()
         return self.plotter.screenshot(None, return_img=True)[..., :3]
 
@@ -53,7 +53,7 @@ class EyeView:
         """Free the window."""
         self.plotter.close()
 
-    def _add(self, surface) -> list:
+    def _add(self, surface, color: str) -> list:
         """Actors of one liquid: what touches the far wall is opaque, what hides the view into the eye is faint."""
         surface = surface.copy(deep=False)
         depth = surface.point_data["depth"].copy()
@@ -63,10 +63,10 @@ class EyeView:
                                           auto_orient_normals=False, consistent_normals=False)
         touch, free = surface.clip_scalar(scalars="depth", value=TOUCH_DEPTH, both=True)
         near, far = touch.clip(normal="x", invert=False), touch.clip(normal="x")
-        parts = ((far, TOUCH_COLOR, 1.0), (near, TOUCH_COLOR, 0.25), (free, FREE_COLOR, 0.6))
-        return [self.plotter.add_mesh(part, color=color, opacity=opacity, smooth_shading=True, specular=0.0,
+        parts = ((far, TOUCH_COLOR, 1.0), (near, TOUCH_COLOR, 0.25), (free, color, 0.6))
+        return [self.plotter.add_mesh(part, color=paint, opacity=opacity, smooth_shading=True, specular=0.0,
                                       ambient=0.2, reset_camera=False, render=False)
-                for part, color, opacity in parts if part.n_cells]
+                for part, paint, opacity in parts if part.n_cells]
 
 
 def peel(plotter) -> None:

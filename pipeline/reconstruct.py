@@ -24,7 +24,7 @@ def load_initial(path: Path) -> dict[str, np.ndarray]:
     ------
     UserError : the file is missing, damaged, or of another kind.
     """
-    names = ("sdf_values", "sdf_origin", "sdf_cell", "particle_spacing")
+    names = ("sdf_values", "sdf_origin", "sdf_cell", "particle_spacing", "cavity_volume")
     if not Path(path).is_file():
         raise UserError(f"{path}: no such file; run the voxelize stage first")
     try:

@@ -14,7 +14,8 @@ def ball(spacing=SPACING):
     axis = cell * np.arange(-half, half + 1)
     squared = axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2
     return {"sdf_values": np.sqrt(squared) - RADIUS, "sdf_origin": np.full(3, axis[0]), "sdf_cell": np.array(cell),
-            "particle_spacing": np.array(spacing), "dimension": np.array(3)}
+            "particle_spacing": np.array(spacing), "dimension": np.array(3),
+            "cavity_volume": np.array(4.0 / 3.0 * np.pi * RADIUS**3)}
 
 
 def oil_fraction(position, *, height=2e-3, tilt=0.0, layer=0.0):
