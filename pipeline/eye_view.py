@@ -6,8 +6,8 @@ peeling off; so the panel is drawn larger and averaged with the rest of the pict
 import numpy as np
 
 PEELS = 4
-SHELL_COLOR, TOUCH_COLOR = "#dfe5ec", "#d98200"
-SHELL_THICKNESS = 0.4e-3        # m, drawn
+SHELL_COLOR, FREE_COLOR, TOUCH_COLOR = "#dfe5ec", "#ffe14d", "#d98200"
+SHELL_START, SHELL_END = 0.15e-3, 0.6e-3        # m outside the wall: flat triangles of the liquid do not poke through
 TOUCH_DEPTH = 0.1e-3            # m; nearer to the wall the surface counts as touching
 # Camera: from the patient's left, in front and above; in units of the eye's size.
 VIEW = np.array([1.0, 0.32, 0.55])
@@ -78,8 +78,9 @@ def peel(plotter) -> None:
 def half_shell(eye):
     """The half of the wall on the patient's right (x < 0), with thickness and a flat cut rim; pyvista.PolyData."""
     closed = eye.compute_normals(cell_normals=False, auto_orient_normals=True, split_vertices=False)
-    outer = closed.copy()
-    outer.points = closed.points + SHELL_THICKNESS * closed.point_data["Normals"]
-    wall = outer.append_polydata(closed.flip_faces())
+    inner, outer = closed.copy(), closed.copy()
+    inner.points = closed.points + SHELL_START * closed.point_data["Normals"]
+    outer.points = closed.points + SHELL_END * closed.point_data["Normals"]
+    wall = outer.append_polydata(inner.flip_faces())
     wall.clear_data()
     return wall.clip_closed_surface(normal=(-1.0, 0.0, 0.0), origin=(0.0, 0.0, 0.0))

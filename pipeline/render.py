@@ -66,8 +66,7 @@ class Renderer:
         canvas = Image.new("RGB", self.size, (255, 255, 255))
         canvas.paste(self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity), (0, self.top))
         if self.view is not None:
-            body = self.view.draw([(surfaces[frame.liquids[index]], self.scene.liquids[index].color)
-                                   for index in self.shown])
+            body = self.view.draw([(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown])
             canvas.paste(Image.fromarray(np.ascontiguousarray(body)), (self.split, self.top))
         self._texts(ImageDraw.Draw(canvas), frame)
         return reduce(canvas)
@@ -101,12 +100,18 @@ class Renderer:
         write(draw, (self.split + 4.0 * u, self.top), "the eye opened,", 2.3 * u, color=FAINT_INK)
         write(draw, (self.split + 4.0 * u, self.top + 3.0 * u), "left half of its wall removed", 2.3 * u,
               color=FAINT_INK)
-        free = [(self.scene.liquids[index].color, "free surface") for index in self.shown[:1]]
+        free = [(self._color(index), "free surface") for index in self.shown[:1]]
         left, top = self.split + 0.22 * (self.size[0] - self.split), self.size[1] - 6.6 * u
         for color, text in (*free, (TOUCH_COLOR, "touches the wall")):
             draw.rectangle([left, top, left + 2.4 * u, top + 2.4 * u], fill=color, outline=FAINT_INK)
             left += 6.6 * u + write(draw, (left + 3.4 * u, top + 1.2 * u), f"{self._shown_name()} {text}", 2.5 * u,
                                     anchor="lm")
+
+    def _color(self, index: int) -> str:
+        """Yellow for the one oil, as in the section; several liquids have the scene's colors."""
+        from pipeline.eye_view import FREE_COLOR
+
+        return FREE_COLOR if len(self.shown) == 1 else self.scene.liquids[index].color
 
     def _shown_name(self) -> str:
         names = [self.scene.liquids[index].name for index in self.shown]

@@ -9,11 +9,11 @@ from synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 
 from pipeline import cli, movie, opengl, render
 from pipeline.errors import UserError
-from pipeline.eye_view import TOUCH_COLOR, peel
+from pipeline.eye_view import FREE_COLOR, TOUCH_COLOR, peel
 from pipeline.frames import frame_path, write_frame
 from pipeline.liquid_surface import Reconstructor
 from pipeline.reconstruct import write_surfaces
-from pipeline.scene import load_resolved, load_scene
+from pipeline.scene import load_scene
 from pipeline.section_panel import COLORS, posture
 
 SIZE = (640, 360)
@@ -95,7 +95,9 @@ def test_pictures_show_section_and_body(run_folder, tmp_path, opengl):
     empty = water[body, right] - water[body, right].mean(axis=-1, keepdims=True)
     yellow = (hue[..., 2] < -40).sum()
     assert yellow > 3000 and (empty[..., 2] < -40).sum() < 50
-    for color in (TOUCH_COLOR, load_resolved(run_folder / "scene.json").liquids[1].color):
+    touch = (hue[..., 0] > 60) & (hue[..., 2] < -60)
+    assert 1500 < touch.sum() < 0.6 * yellow        # the far wall above the level, neither speckled nor everywhere
+    for color in (TOUCH_COLOR, FREE_COLOR):
         assert count(tamponade[300:, right], rgb(color)) > 20       # the legend
 
 
