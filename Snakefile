@@ -6,8 +6,8 @@
     snakemake -j2 -R render                                 a stage once more
     snakemake --report report.html                          one page to read and to pass on
 
-Every rule calls one stage, `python -m pipeline.<stage>`. `depends` changes with the code and with the part of the scene
-that the stage uses; that is why `scene.json` itself is `ancient`.
+Every rule calls one stage, `python -m pipeline.<stage>`. A stage runs again when `depends` changes: a digest of the code
+and of the part of the scene that it uses. Therefore the date of `scene.json` does not matter (`ancient`).
 """
 import os
 import sys
@@ -16,10 +16,11 @@ sys.path.insert(0, workflow.basedir)
 os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
 
 from pipeline.digest import stage_digest
-from pipeline.workflow import Workflow, prepare_outputs
+from pipeline.workflow import Workflow
 
 
 configfile: "config/config.yaml"
+report: "docs/report/workflow.rst"
 
 
 flow = Workflow(config)
@@ -34,7 +35,7 @@ wildcard_constraints:
 
 
 onstart:
-    prepare_outputs()
+    flow.prepare_outputs()
 
 
 rule all:
@@ -46,17 +47,14 @@ rule all:
 
 
 rule scene:
-    input:
-        lambda w: f"config/scenes/{flow.scene(w.scene).name}.yaml",
     output:
         report("outputs/{scene}/scene.json", category="{scene}", caption="docs/report/scene.rst",
-               labels={"what": "5 scene in SI units"}),
-    params:
-        accuracy=lambda w: flow.scene(w.scene).accuracy,
-        depends=flow.depends("scene"),
+               labels={"what": "6 scene in SI units"}),
     log: "outputs/{scene}/logs/scene.log",
     message: "{wildcards.scene}: check the scene",
-    shell: "python -m pipeline.scene {input} --accuracy {params.accuracy} --output {output} 2>&1 | tee {log}"
+    shell:
+        "python -m pipeline.scene config/scenes/{wildcards.scene}.yaml --accuracy {flow.accuracy} --output {output}"
+        " 2>&1 | tee {log}"
 
 
 rule eye:
@@ -147,7 +145,7 @@ rule render:
         surfaces="outputs/{scene}/surfaces/segment_{segment}",
     output:
         report(directory(IMAGES), patterns=["frame_{frame}.png"],
-               category="{scene}", caption="docs/report/picture.rst", labels={"what": "4 picture of frame {frame}"}),
+               category="{scene}", caption="docs/report/picture.rst", labels={"what": "5 picture of frame {frame}"}),
     params:
         depends=flow.depends("render"),
     log: "outputs/{scene}/logs/render_{segment}.log",
@@ -181,7 +179,7 @@ rule metrics:
         summary=report("outputs/{scene}/metrics.html", category="{scene}", caption="docs/report/metrics.rst",
                        labels={"what": "2 metrics in short"}),
         plots=report(directory("outputs/{scene}/plots"), patterns=["{plot}.png"], category="{scene}",
-                     caption="docs/report/plot.rst", labels={"what": "3 plot: {plot}"}),
+                     caption="docs/report/plot.rst", labels={"what": "4 plot: {plot}"}),
     params:
         depends=flow.depends("metrics"),
     log: "outputs/{scene}/logs/metrics.log",

@@ -1,6 +1,5 @@
 """What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
 import fcntl
-import functools
 import os
 import sys
 import tempfile
@@ -10,13 +9,13 @@ from typing import NoReturn
 
 from pipeline.digest import stage_digest
 from pipeline.errors import UserError
+from pipeline.files import write_text
 from pipeline.scene import load_scene
 from pipeline.scene_model import Scene
 
 SCENES = Path("config/scenes")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy")
-_lock = None
 
 
 def stop(*messages: str) -> NoReturn:
@@ -44,19 +43,16 @@ class Workflow:
             stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
         self.accuracy = config.get("accuracy")
         self.names = list(dict.fromkeys(names))
-        self._scene = functools.cache(self._load)
-        for name in self.names:
-            self.scene(name)
+        self._scenes: dict[str, Scene] = {}
 
     def scene(self, name: str) -> Scene:
         """Return a scene by name; a scene with errors ends Snakemake with one sentence for each."""
-        return self._scene(name)
-
-    def _load(self, name: str) -> Scene:
-        try:
-            return load_scene(SCENES / f"{name}.yaml", self.accuracy)
-        except UserError as error:
-            stop(*error.messages)
+        if name not in self._scenes:
+            try:
+                self._scenes[name] = load_scene(SCENES / f"{name}.yaml", self.accuracy)
+            except UserError as error:
+                stop(*error.messages)
+        return self._scenes[name]
 
     def segments(self, name: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""
@@ -64,6 +60,8 @@ class Workflow:
 
     def start(self, name: str, segment: str) -> list[str]:
         """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""
+        if segment not in self.segments(name):
+            stop(f"{name} has no segment {segment}; its segments are {', '.join(self.segments(name))}")
         if int(segment):
             return [f"{OUTPUTS}/{name}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
         earlier = self.scene(name).start_from
@@ -82,20 +80,23 @@ class Workflow:
             return f"{stage_digest(stage, scene)} {frames}".strip()
         return digest
 
+    def prepare_outputs(self) -> None:
+        """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
 
-def prepare_outputs() -> None:
-    """Hold the folder of outputs for this run, or end Snakemake with a sentence.
-
-    The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
-    """
-    global _lock
-    try:
-        OUTPUTS.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=OUTPUTS) as probe:
-            probe.write(bytes(4096))
-        _lock = os.open(OUTPUTS, os.O_RDONLY)
-        fcntl.flock(_lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
-    except OSError as error:
-        stop(f"{OUTPUTS}: the folder of outputs cannot be written ({error.strerror})")
+        A rule cannot do the latter: Snakemake does not look for changed parameters downstream of a job that it runs.
+        The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
+        """
+        try:
+            OUTPUTS.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(OUTPUTS, os.O_RDONLY)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with tempfile.TemporaryFile(dir=OUTPUTS) as probe:
+                probe.write(bytes(4096))
+            for name, scene in self._scenes.items():
+                path = OUTPUTS / name / "scene.json"
+                if path.is_file():
+                    write_text(path, scene.to_json())
+        except BlockingIOError:
+            stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
+        except OSError as error:
+            stop(f"{OUTPUTS}: the folder of outputs cannot be written ({error.strerror})")
