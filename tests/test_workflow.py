@@ -178,8 +178,32 @@ def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
         scene.write_text(before)
     assert code == 0, output
     plan = planned(output)
-    assert plan["scene"] == 1 and plan["simulate"] == plan["reconstruct"] == plan["eye"] == 0
+    assert plan["simulate"] == plan["reconstruct"] == plan["eye"] == plan["metrics"] == 0
     assert plan["render"] == 2 * can_draw
+
+
+def test_longer_scene_keeps_what_it_has(finished):
+    scene = finished.folder / "config" / "scenes" / "tiny.yaml"
+    before = scene.read_text()
+    try:
+        scene.write_text(before.replace("duration: 0.2 s", "duration: 0.4 s"))
+        code, output = finished.snakemake("-n", "outputs/tiny/frames/frames.pvd")
+    finally:
+        scene.write_text(before)
+    assert code == 0, output
+    assert planned(output)["simulate"] == 2 and planned(output)["voxelize"] == 0
+
+
+def test_resolved_scene_follows_its_file(project):
+    resolved = project.outputs("tiny") / "scene.json"
+    project.snakemake("outputs/tiny/eye.vtp")
+    assert '"title": "Tiny tamponade"' in resolved.read_text()
+    date = (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns
+    project.write_scene("tiny", (project.folder / "config/scenes/tiny.yaml").read_text().replace("Tiny", "Small"))
+    code, output = project.snakemake("outputs/tiny/initial.npz")
+    assert code == 0, output
+    assert '"title": "Small tamponade"' in resolved.read_text()
+    assert (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns == date
 
 
 def test_edited_code_runs_its_stages_again(finished, can_draw):
