@@ -119,12 +119,16 @@ class ParticleStore:
         row = self.count[None]
         if row >= self.capacity:
             raise OverflowError(f"{row} particles fill the store; more were to be added")
-        for name, field in self.declared.items():
-            if field.carried:
-                value = values.get(name, 0)
-                self.arrays[name][row] = ti.Vector(list(value)) if np.ndim(value) else value
+        zero = {f.name: np.zeros(self.arrays[f.name].n) if f.kind in ("vector", "liquids") else 0
+                for f in self.declared.values() if f.carried}
+        self.set_row(row, zero | values)
         self.count[None] = row + 1
         return row
+
+    def set_row(self, row: int, values: dict) -> None:
+        """Set some fields of one particle."""
+        for name, value in values.items():
+            self.arrays[name][row] = ti.Vector([float(v) for v in value]) if np.ndim(value) else value
 
     def remove(self, rows) -> None:
         """Remove particles; the last ones take their rows."""

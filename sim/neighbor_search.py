@@ -3,7 +3,7 @@
 Liquid particles are sorted by cell in every step (x fastest), walls once. One kernel then writes, for every liquid
 particle, its liquid neighbors and its wall neighbors, and a second one the liquid neighbors of every wall particle:
 index, V_j grad_i W_ij and V_j W_ij. Later passes stream these rows and never touch the grid again.
-Rows have a fixed width; an overflow is detected, the rows grow and the search is repeated.
+Rows have a fixed width; an overflow is an error, never a lost neighbor.
 """
 import numpy as np
 import taichi as ti
@@ -43,10 +43,11 @@ class NeighborSearch:
     walls : wall particles, in the order that `sort_walls` returned.
     kernel : smoothing kernel.
     lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
-    particle_spacing : m, for the first guess of the row width.
+    particle_spacing : m; crowding : particles per rest volume that must fit; both set the width of the rows.
     """
 
-    def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float):
+    def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float,
+                 crowding: float = 1.25):
         self.particles = particles
         self.position = particles.arrays["position"]
         self.volume = particles.arrays["volume"]
@@ -65,7 +66,6 @@ class NeighborSearch:
         self.cell_fill = ti.field(ti.i32, shape=self.cells + 1)
         self.cell_of = ti.field(ti.i32, shape=particles.capacity)
         self.outside = ti.field(ti.i32, shape=())
-        offsets = [0] if self.dimension == 1 else None
         if self.dimension == 2:
             offsets = [dy * self.strides[1] for dy in (-1, 0, 1)]
         else:
@@ -83,7 +83,7 @@ class NeighborSearch:
 
         ratio = h / particle_spacing
         ball = {2: np.pi * ratio**2, 3: 4.0 / 3.0 * np.pi * ratio**3}[self.dimension]
-        width = int(1.25 * ball) + 8
+        width = int(crowding * ball) + 8
         self.pairs = Rows(particles.capacity, width, self.dimension)
         self.wall_pairs = Rows(particles.capacity, int(0.6 * width), self.dimension)
         self.wall_rows = Rows(self.walls.count, int(0.75 * width), self.dimension)

@@ -177,14 +177,18 @@ class PressureSolver:
         ti.loop_config(serialize=True)
         for _ in range(1):
             total = ti.cast(0.0, ti.f64)
+            mean = ti.cast(0.0, ti.f64)
             for i in range(self.count[None]):
                 total += self.product[i]
+                mean += self.applied[i]
+            self.mean[None] = mean / self.count[None]
             self.beta[None] = ti.select(self.rho[None] > 0.0, total / self.rho[None], 0.0)
             self.rho[None] = total
         for i in range(self.count[None]):
             beta = self.beta[None]
             self.direction[i] = self.preconditioned[i] + beta * self.direction[i]
-            self.image[i] = self.applied[i] + beta * self.image[i]
+            # A does not map to zero mean exactly: left in, a uniform rate that no pressure can change would build up.
+            self.image[i] = self.applied[i] - self.mean[None] + beta * self.image[i]
             self.product[i] = ti.cast(self.image[i], ti.f64) * self.image[i] / self.diagonal[i]
         ti.loop_config(serialize=True)
         for _ in range(1):

@@ -66,11 +66,12 @@ class Solver:
                     raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
         scheme = schemes.REGISTRY[numerics.scheme]
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
-        capacity = int(1.02 * len(fluid_position)) + 512  # head room for seeds of an injection
+        capacity = int(1.15 * len(fluid_position)) + 512  # head room for seeds of an injection
         self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
-        self.search = NeighborSearch(self.particles, walls, self.kernel, walls[0].min(0), walls[0].max(0), self.spacing)
+        self.search = NeighborSearch(self.particles, walls, self.kernel, walls[0].min(0), walls[0].max(0), self.spacing,
+                                     max([1.25, *(c.crowding for c in classes)]))
         self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
         for name in ("position", "velocity", "acceleration"):
             setattr(self, name, self.particles.arrays[name])

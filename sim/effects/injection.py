@@ -1,8 +1,9 @@
 """Injection of a liquid through a cannula while another leaves through a drain at the same rate.
 
-Particles grow at the cannula and shrink at the drain, and the pressure solve gets the matching source
-sum_j (dV_j/dt) W_ij. What is added in a step is exactly what is taken, so the cavity stays full. Swapping particles
-instead would tear holes into the packing (compression 0.6 to 1.8).
+Particles of the entering liquid grow at the cannula and split; particles of the leaving liquid shrink at the drain and
+merge. The pressure solve gets the matching source sum_j (dV_j/dt) W_ij. What is added in a step is exactly what is
+taken, so the cavity stays full. No particle is ever small: a particle far below the rest volume has a volume equation
+that hardly acts on others and makes pressures run away; moving whole particles from drain to cannula tears the packing.
 """
 import dataclasses
 import math
@@ -14,10 +15,12 @@ from sim.effects.effect import Effect
 from sim.fields import Field
 from sim.parameters import parameter
 
-STEPS_TO_GROW = 20  # a particle takes at least about this many steps to grow or to vanish
-FEWEST = 8  # particles that grow, and shrink, at a time
-SEED_FRACTION = 0.02  # volume of a seed, and of a particle that is removed, in rest volumes
-CANDIDATES = 100  # random points among which the one farthest from every particle becomes a seed
+STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
+FEWEST = 24  # particles that grow, and shrink, at a time
+LARGEST, SMALLEST = 2.0**0.5, 0.5**0.5  # volumes at which a particle splits and wants to merge, in rest volumes
+SPLIT_DISTANCE = 0.35  # distance of the two halves from the place of the whole, in particle spacings
+DIRECTIONS = 24  # random directions, of which the one with most room is taken
+FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,132 +39,139 @@ class InjectionParameters:
 
 @ti.data_oriented
 class Injection(Effect):
-    """Growing and shrinking particles at the cannula and the drain."""
+    """Growing and shrinking particles at the cannula and the drain.
+
+    The entering liquid starts as a droplet at the tip of the cannula that takes the place of the drained liquid.
+    """
 
     name = "injection"
     Parameters = InjectionParameters
-    fields = (Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles"),)
-    uses = ("id", "phase", "position", "velocity", "volume", "mass")
+    fields = (Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),)
+    uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
+    crowding = 2.0
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
-        if "diffusion" in {e.name for e in solver.effects} or "volume_fraction" in solver.particles.arrays:
-            raise ValueError("effect 'injection' cannot be active together with 'diffusion'")
         names = [liquid.name for liquid in solver.liquids]
         self.entering, self.leaving = names.index(parameters.liquid), names.index(parameters.drained_liquid)
+        self.density = [liquid.density for liquid in solver.liquids]
         self.cannula = np.array(parameters.cannula[: solver.dimension])
         self.drain = np.array(parameters.drain[: solver.dimension])
         self.rest_volume, self.spacing, self.count = solver.rest_volume, solver.spacing, solver.count
-        rate = parameters.flow * solver.settings.numerics.maximum_time_step / self.rest_volume
-        self.number = max(FEWEST, math.ceil(STEPS_TO_GROW * rate))
-        ball = {2: math.pi, 3: 4.0 / 3.0 * math.pi}[solver.dimension]
-        self.seed_radius = max(2.0, (self.number / ball) ** (1.0 / solver.dimension)) * self.spacing
+        per_step = parameters.flow * solver.settings.numerics.maximum_time_step / self.rest_volume
+        self.number = max(FEWEST, math.ceil(STEPS_TO_DOUBLE * per_step))
         self.target = parameters.fill * solver.cavity_volume
-        self.growing, self.shrinking = np.zeros(0, int), np.zeros(0, int)  # ids
+        self.volume_before = math.nan  # volume of the entering liquid when the flow begins, m^3
         self.finished = False
 
     def exchange(self, dt: float) -> None:
-        """Seed and remove particles, and set the volume rates of this step."""
+        """Split and merge particles, and set the volume rates of this step."""
         self.particles.volume_rate.fill(0.0)
         if self.finished or self.solver.time < self.parameters.start:
             return
+        if math.isnan(self.volume_before):
+            self._place_droplet()
+        self._split_large()
+        self._merge_small()
         read = self.solver.particles.to_numpy
-        ids, phase, position = read("id"), read("phase"), read("position").astype(float)
-        volume = dict(zip(ids.tolist(), read("volume").astype(float).tolist()))
-        entered = sum(v for k, v, p in zip(ids.tolist(), volume.values(), phase) if p == self.entering)
-        missing = self.target - entered
-        if missing > 1e-6 * self.rest_volume:
-            changes = self._inject(min(self.parameters.flow * dt, missing), volume, ids, phase, position)
-        else:
-            changes = self._consolidate(self.growing, volume)
-            changes |= self._consolidate(self.shrinking, volume)
-            self.finished = not changes
-        self._apply_rates(changes, dt)
-
-    def _inject(self, amount, volume, ids, phase, position) -> dict[int, float]:
-        """Volume change per particle that adds `amount` at the cannula and takes as much at the drain."""
-        whole, floor = self.rest_volume, SEED_FRACTION * self.rest_volume
-        growing = [k for k in self.growing.tolist() if volume[k] < whole * (1.0 - 1e-5)]
-        vanished = [k for k in self.shrinking.tolist() if volume[k] <= floor * (1.0 + 1e-5)][: int(amount / floor)]
-        left = [k for k in self.shrinking.tolist() if k not in set(vanished)]
-        leaving = np.flatnonzero((phase == self.leaving) & ~np.isin(ids, self.shrinking))
-        nearest = leaving[np.argsort(np.linalg.norm(position[leaving] - self.drain, axis=1), kind="stable")]
-        shrinking = left + ids[nearest[: max(0, self.number - len(left))]].tolist()
-        # One seed at a time per whole particle injected: then growing particles have every size.
-        seeds = min(self.number - len(growing), math.ceil(amount / whole), int(amount / floor))
-        growth = share(amount - seeds * floor, {k: whole - volume[k] for k in growing})
-        taken = sum(volume[k] for k in vanished)
-        loss = share(seeds * floor + sum(growth.values()) - taken, {k: volume[k] - floor for k in shrinking})
-        # Should the drained liquid run out, no more enters than can leave.
-        balance = seeds * floor + sum(growth.values()) - taken - sum(loss.values())
-        if balance > 0.0:
-            growth = share(sum(growth.values()) - balance, growth)
-        self.growing = np.array(growing + self._seed(seeds, position), int)
-        self.shrinking = np.array(shrinking, int)
-        self._remove(vanished)
-        return growth | {k: -v for k, v in loss.items()}
-
-    def _consolidate(self, group, volume) -> dict[int, float]:
-        """After the injection: volume changes that make whole particles of the partial ones, sum unchanged."""
-        group = [k for k in group.tolist() if k in volume]
-        total = sum(volume[k] for k in group)
-        kept = sorted(group, key=lambda k: (-volume[k], k))[: max(1, round(total / self.rest_volume))]
-        floor, pace = SEED_FRACTION * self.rest_volume, self.rest_volume / STEPS_TO_GROW
-        leaving = [k for k in group if k not in set(kept)]
-        vanished = [k for k in leaving if volume[k] <= floor * (1.0 + 1e-5)]
-        goal = total / max(len(kept), 1)
-        if not leaving and all(abs(volume[k] - goal) < 1e-4 * self.rest_volume for k in group):
-            return {}
-        loss = {k: min(volume[k] - floor, pace) for k in leaving if k not in set(vanished)}
-        loss |= {k: min(volume[k] - goal, pace) for k in kept if volume[k] > goal}
-        amount = sum(loss.values()) + sum(volume[k] for k in vanished)
-        gain = share(amount, {k: goal - volume[k] for k in kept if volume[k] < goal})
-        surplus = amount - sum(gain.values())
-        if surplus > 0.0:
-            loss = share(max(sum(loss.values()) - surplus, 0.0), loss)
-        self._remove(vanished)
-        return gain | {k: -v for k, v in loss.items()}
-
-    def _remove(self, ids) -> None:
-        if ids:
-            rows = np.flatnonzero(np.isin(self.solver.particles.to_numpy("id"), ids))
-            self.solver.particles.remove(rows)
-
-    def _apply_rates(self, changes: dict[int, float], dt: float) -> None:
-        ids = self.solver.particles.to_numpy("id")
-        rate = np.zeros(len(ids))
-        rate[:] = [changes.get(k, 0.0) / dt for k in ids.tolist()]
+        phase, volume, position = read("phase"), read("volume").astype(float), read("position").astype(float)
+        missing = self.target - volume[phase == self.entering].sum()
+        due = self.volume_before + self.parameters.flow * (self.solver.time + dt - self.parameters.start) - (
+            self.target - missing)
+        amount = max(0.0, min(due, missing))
+        rate = np.zeros(len(volume))
+        for which, point, sign in ((self.entering, self.cannula, 1.0), (self.leaving, self.drain, -1.0)):
+            rows = self._nearest(position, phase, which, point)
+            rate[rows] = sign * amount / dt * volume[rows] / volume[rows].sum()
         self.solver.particles.from_numpy("volume_rate", rate)
+        self.finished = missing - amount <= FLOW_ROUNDING * self.rest_volume
 
-    def _seed(self, number: int, position) -> list[int]:
-        """Add seeds in the largest gaps near the cannula; return their ids."""
-        if number <= 0:
-            return []
-        solver = self.solver
-        rng = np.random.default_rng((solver.settings.numerics.seed, solver.step_count))
-        away = np.linalg.norm(position - self.cannula, axis=1)
-        near = np.flatnonzero(away < self.seed_radius + 3.0 * self.spacing)
-        direction = rng.normal(size=(CANDIDATES, solver.dimension))
-        radius = self.seed_radius * rng.random((CANDIDATES, 1)) ** (1.0 / solver.dimension)
-        points = self.cannula + radius * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        points = points[solver.distance.at(points) < -0.5 * self.spacing]
-        if len(points) < number:
-            raise ValueError("effects.injection.cannula lies too close to the wall: no room for the entering liquid")
-        gap = np.linalg.norm(points[:, None] - position[None, near], axis=2)
-        nearest, gap = near[gap.argmin(1)], gap.min(1)
-        velocity, pressure = solver.particles.to_numpy("velocity"), solver.particles.to_numpy("pressure")
-        volume = SEED_FRACTION * self.rest_volume
-        added = []
-        for _ in range(number):
+    def _nearest(self, position, phase, which: int, point) -> np.ndarray:
+        """Rows of the particles of one liquid nearest to a point.
+
+        Raises
+        ------
+        ValueError
+            When that liquid has run out.
+        """
+        rows = np.flatnonzero(phase == which)
+        if not len(rows):
+            name = self.solver.liquids[which].name
+            raise ValueError(f"effects.injection: no {name} is left to exchange; lower effects.injection.fill")
+        away = np.linalg.norm(position[rows] - point, axis=1)
+        return rows[np.argsort(away, kind="stable")[: self.number]]
+
+    def _place_droplet(self) -> None:
+        read = self.solver.particles.to_numpy
+        phase, volume, mass = read("phase"), read("volume"), read("mass")
+        present = volume[phase == self.entering].sum(dtype=float)
+        if present < self.number * self.rest_volume:
+            rows = self._nearest(read("position").astype(float), phase, self.leaving, self.cannula)
+            phase[rows] = self.entering
+            mass[rows] = volume[rows] * self.density[self.entering]
+            self.solver.particles.from_numpy("phase", phase)
+            self.solver.particles.from_numpy("mass", mass)
+            present = volume[phase == self.entering].sum(dtype=float)
+        self.volume_before = present
+
+    def _split_large(self) -> None:
+        """Split entering particles above the largest volume into two halves, where there is most room."""
+        particles = self.solver.particles
+        volume, phase = particles.to_numpy("volume"), particles.to_numpy("phase")
+        rows = np.flatnonzero((volume > LARGEST * self.rest_volume) & (phase == self.entering))
+        if not len(rows):
+            return
+        position = particles.to_numpy("position").astype(float)
+        velocity, pressure, mass = (particles.to_numpy(name) for name in ("velocity", "pressure", "mass"))
+        rng = np.random.default_rng((self.solver.settings.numerics.seed, self.solver.step_count))
+        for row in rows:
+            direction = rng.normal(size=(DIRECTIONS, self.solver.dimension))
+            step = SPLIT_DISTANCE * self.spacing * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+            away = position - position[row]
+            near = position[(np.linalg.norm(away, axis=1) < 2.0 * self.spacing) & (np.arange(len(position)) != row)]
+            ends = position[row] + np.stack([step, -step])
+            gap = np.linalg.norm(ends[:, :, None] - near, axis=3).min(axis=(0, 2)) if len(near) else np.ones(DIRECTIONS)
+            gap = np.where((self.solver.distance.at(ends.reshape(-1, step.shape[1])).reshape(2, -1) < 0.0).all(0), gap, 0)
             best = int(gap.argmax())
-            solver.particles.append({
-                "id": solver.next_id, "phase": self.entering, "position": points[best], "volume": volume,
-                "mass": volume * solver.liquids[self.entering].density, "velocity": velocity[nearest[best]],
-                "pressure": pressure[nearest[best]]})
-            added.append(solver.next_id)
-            solver.next_id += 1
-            gap = np.minimum(gap, np.linalg.norm(points - points[best], axis=1))
-        return added
+            half = {"phase": phase[row], "velocity": velocity[row], "pressure": pressure[row],
+                    "volume": 0.5 * volume[row], "mass": 0.5 * mass[row]}
+            particles.append(half | {"id": self.solver.next_id, "position": ends[1, best]})
+            self.solver.next_id += 1
+            particles.set_row(int(row), {"position": ends[0, best], "volume": half["volume"], "mass": half["mass"]})
+            position[row] = ends[0, best]
+            position = np.vstack([position, ends[1, best]])
+
+    def _merge_small(self) -> None:
+        """Merge leaving particles below the smallest volume with their nearest neighbor of the same liquid."""
+        particles = self.solver.particles
+        volume, phase = particles.to_numpy("volume").astype(float), particles.to_numpy("phase")
+        small = np.flatnonzero((volume < SMALLEST * self.rest_volume) & (phase == self.leaving))
+        if not len(small):
+            return
+        position = particles.to_numpy("position").astype(float)
+        velocity, mass = particles.to_numpy("velocity").astype(float), particles.to_numpy("mass").astype(float)
+        same = np.flatnonzero(phase == self.leaving)
+        gone = set()
+        for row in small[np.argsort(volume[small], kind="stable")]:
+            if int(row) in gone:
+                continue
+            others = same[(same != row) & ~np.isin(same, list(gone))]
+            # Pairs of small particles stay below the largest volume; what is left over shrinks on.
+            others = others[volume[others] + volume[row] <= LARGEST * self.rest_volume]
+            if not len(others):
+                continue
+            away = np.linalg.norm(position[others] - position[row], axis=1)
+            partner = int(others[away.argmin()])
+            if away.min() > 1.5 * self.spacing:
+                continue
+            total, weight = volume[row] + volume[partner], mass[row] + mass[partner]
+            position[partner] = (volume[row] * position[row] + volume[partner] * position[partner]) / total
+            velocity[partner] = (mass[row] * velocity[row] + mass[partner] * velocity[partner]) / weight
+            volume[partner], mass[partner] = total, weight
+            particles.set_row(partner, {"position": position[partner], "velocity": velocity[partner],
+                                        "volume": total, "mass": weight})
+            gone.add(int(row))
+        particles.remove(gone)
 
     @ti.kernel
     def _grow(self, dt: float):
@@ -173,24 +183,11 @@ class Injection(Effect):
                 self.particles.mass[i] = density * self.particles.volume[i]
 
     def finish(self, dt: float) -> None:
-        if not self.finished:
-            self._grow(dt)
+        self._grow(dt)
 
     def state(self) -> dict:
-        return {"growing": self.growing, "shrinking": self.shrinking, "finished": self.finished}
+        return {"finished": self.finished, "volume_before": self.volume_before}
 
     def restore(self, state: dict) -> None:
         if state:
-            self.growing, self.shrinking = state["growing"].astype(int), state["shrinking"].astype(int)
-            self.finished = bool(state["finished"])
-
-
-def share(amount: float, capacity: dict[int, float]) -> dict[int, float]:
-    """Split `amount` into equal parts, none above its capacity; what does not fit is left out."""
-    parts = {}
-    rest = list(sorted(capacity.items(), key=lambda item: (item[1], item[0])))
-    for index, (key, limit) in enumerate(rest):
-        part = min(max(limit, 0.0), max(amount, 0.0) / (len(rest) - index))
-        parts[key] = part
-        amount -= part
-    return parts
+            self.finished, self.volume_before = bool(state["finished"]), float(state["volume_before"])

@@ -13,8 +13,7 @@ from sim.runtime import real
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
-SHIFT_LIMIT = 0.02  # largest weight of the shift along -S_i
-GAUGE_LIMIT = 0.3  # largest rise of the background pressure, in units of rho dx^2 / dt^2
+SHIFT_LIMIT = 0.1  # largest weight of the shift along -S_i
 
 
 @ti.data_oriented
@@ -50,9 +49,7 @@ class VolumeIncompressible:
         self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
-        self.least_pressure = ti.field(real(), shape=())
-        self.largest_density = max(liquid.density for liquid in solver.settings.liquids)
-        self.least_density = min(liquid.density for liquid in solver.settings.liquids)
+        self.mean_pressure = ti.field(real(), shape=())
 
     @ti.kernel
     def _measure(self):
@@ -127,13 +124,16 @@ class VolumeIncompressible:
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
-    def _least_pressure(self):
+    def _center(self):
+        """Remove the mean of the pressure: a background pressure p acts on a disordered set as a force -2 p S_i."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            least = self.pressure[0]
+            total = ti.cast(0.0, ti.f64)
             for i in range(self.count[None]):
-                least = ti.min(least, self.pressure[i])
-            self.least_pressure[None] = least
+                total += self.pressure[i]
+            self.mean_pressure[None] = total / self.count[None]
+        for i in range(self.count[None]):
+            self.pressure[i] -= self.mean_pressure[None]
 
     @ti.kernel
     def _add(self, values: ti.template(), shift: float):
@@ -144,11 +144,7 @@ class VolumeIncompressible:
         """Make the velocity free of divergence; return the solve's statistics."""
         self._wall_hydrostatics(dt)
         self._set_velocity_right_side(dt)
-        self._least_pressure()
-        # A constant pressure is in the null space; with the smallest at zero it acts as a background pressure that
-        # keeps particles from pairing.
-        limit = GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2
-        self._add(self.pressure, min(-self.least_pressure[None], limit))
+        self._center()
         tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
         iterations, mean, largest = self.pressure_solver.solve(
             self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
