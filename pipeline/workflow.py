@@ -1,5 +1,6 @@
 """What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
 import fcntl
+import functools
 import os
 import sys
 import tempfile
@@ -74,11 +75,13 @@ class Workflow:
 
     def depends(self, stage: str):
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
-        def digest(wildcards) -> str:
-            scene = self.scene(wildcards.scene)
-            frames = scene.frames_of_segment(int(wildcards.segment)) if hasattr(wildcards, "segment") else ""
-            return f"{stage_digest(stage, scene)} {frames}".strip()
-        return digest
+        digest = functools.cache(lambda name: stage_digest(stage, self.scene(name)))
+
+        def parameter(wildcards) -> str:
+            segment = getattr(wildcards, "segment", None)
+            frames = self.scene(wildcards.scene).frames_of_segment(int(segment)) if segment else ""
+            return f"{digest(wildcards.scene)} {frames}".strip()
+        return parameter
 
     def prepare_outputs(self) -> None:
         """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
