@@ -49,6 +49,7 @@ class LevelSet:
         self.slope[None] = 1.0
         self.started = ti.field(ti.i32, shape=())
         self.steps = self.grid.strides
+        self.last = self.dimension - 1
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
 
@@ -140,15 +141,27 @@ class LevelSet:
         """Add one particle to the sums of the nodes within the splat radius."""
         radius = SPLAT_RADIUS * self.spacing
         center = self._nearest_node(x)
-        for offset in ti.grouped(ti.ndrange(*((-self.reach, self.reach + 1),) * self.dimension)):
-            node = center + offset
-            r = (self.grid.origin + node * self.cell - x).norm()
-            if r < radius:
-                q = r / radius
-                w = (1.0 - q) ** 4 * (4.0 * q + 1.0)
-                index = self._flat(node)
-                self.weight[index] += w
-                self.phi_next[index] += w * color
+        for row in ti.grouped(ti.ndrange(*((-self.reach, self.reach + 1),) * (self.dimension - 1))):
+            first = center
+            for d in ti.static(range(self.dimension - 1)):
+                first[d] += row[d]
+            first[self.last] = 0
+            away = self.grid.origin + first * self.cell - x
+            away[self.last] = 0.0
+            rest = radius * radius - away.norm_sqr()
+            if rest > 0.0:
+                half = ti.sqrt(rest)
+                along = (x[self.last] - self.grid.origin[self.last]) / self.cell
+                low = ti.cast(ti.ceil(along - half / self.cell), ti.i32)
+                high = ti.cast(ti.floor(along + half / self.cell), ti.i32)
+                base = self._flat(first)
+                for k in range(ti.max(low, 0), ti.min(high, self.grid.shape[self.last] - 1) + 1):
+                    step = (k - along) * self.cell
+                    q = ti.sqrt(radius * radius - rest + step * step) / radius
+                    s = 1.0 - q
+                    w = (s * s) * (s * s) * (4.0 * q + 1.0)
+                    self.weight[base + k] += w
+                    self.phi_next[base + k] += w * color
 
     @ti.kernel
     def _splat(self):

@@ -13,6 +13,9 @@ from sim.fields import ParticleStore
 from sim.runtime import real
 
 
+REACH = 2  # cells on each side that can hold neighbors
+
+
 @ti.data_oriented
 class Rows:
     """Neighbor rows of fixed width: entries of row i are i*width .. i*width + count[i] - 1."""
@@ -54,10 +57,11 @@ class NeighborSearch:
         self.kernel = kernel
         self.dimension = particles.dimension
         h = kernel.support_radius
-        self.cell = h * (1.0 + 1e-6)
-        self.origin = ti.Vector(list(np.asarray(lower) - 1.5 * self.cell))
-        self.origin_numpy = np.asarray(lower) - 1.5 * self.cell
-        self.shape = tuple(int(n) for n in np.ceil((np.asarray(upper) - self.origin_numpy) / self.cell) + 2)
+        # Cells of half the support: 5^d of them hold 40 % fewer candidates than 3^d cells of the whole support.
+        self.cell = 0.5 * h * (1.0 + 1e-6)
+        self.origin_numpy = np.asarray(lower) - (REACH + 0.5) * self.cell
+        self.origin = ti.Vector([float(v) for v in self.origin_numpy])
+        self.shape = tuple(int(n) for n in np.ceil((np.asarray(upper) - self.origin_numpy) / self.cell) + REACH + 1)
         self.strides = [1]
         for n in self.shape[:-1]:
             self.strides.append(self.strides[-1] * n)
@@ -65,11 +69,9 @@ class NeighborSearch:
         self.cell_start = ti.field(ti.i32, shape=self.cells + 1)
         self.cell_fill = ti.field(ti.i32, shape=self.cells + 1)
         self.cell_of = ti.field(ti.i32, shape=particles.capacity)
-        self.outside = ti.field(ti.i32, shape=())
-        if self.dimension == 2:
-            offsets = [dy * self.strides[1] for dy in (-1, 0, 1)]
-        else:
-            offsets = [dy * self.strides[1] + dz * self.strides[2] for dz in (-1, 0, 1) for dy in (-1, 0, 1)]
+        steps = range(-REACH, REACH + 1)
+        offsets = [dy * self.strides[1] + (dz * self.strides[2] if self.dimension == 3 else 0)
+                   for dz in (steps if self.dimension == 3 else (0,)) for dy in steps]
         self.row_count = len(offsets)
         self.row_offset = ti.field(ti.i32, shape=self.row_count)
         self.row_offset.from_numpy(np.array(offsets, dtype=np.int32))
@@ -100,7 +102,7 @@ class NeighborSearch:
         index = 0
         for d in ti.static(range(self.dimension)):
             c = ti.cast(ti.floor((x[d] - self.origin[d]) / self.cell), ti.i32)
-            index += ti.min(ti.max(c, 1), self.shape[d] - 2) * self.strides[d]
+            index += ti.min(ti.max(c, REACH), self.shape[d] - 1 - REACH) * self.strides[d]
         return index
 
     @ti.kernel
@@ -154,10 +156,10 @@ class NeighborSearch:
             m = 0
             for k in range(self.row_count):
                 first = c + self.row_offset[k]
-                for j in range(self.cell_start[first - 1], self.cell_start[first + 2]):
+                for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
                     if j != i:
                         self._scan(x, j, n, self.pairs, i, self.position[j], self.volume[j])
-                for b in range(self.wall_cell_start[first - 1], self.wall_cell_start[first + 2]):
+                for b in range(self.wall_cell_start[first - REACH], self.wall_cell_start[first + REACH + 1]):
                     self._scan(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
             self.pairs.count[i] = n
             self.wall_pairs.count[i] = m
@@ -167,7 +169,7 @@ class NeighborSearch:
             n = 0
             for k in range(self.row_count):
                 first = c + self.row_offset[k]
-                for j in range(self.cell_start[first - 1], self.cell_start[first + 2]):
+                for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
                     self._scan(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
             self.wall_rows.count[b] = n
 

@@ -148,7 +148,7 @@ class Solver:
         if speed > 0.0:
             limits.append(numerics.courant_number * self.spacing / speed)
         if acceleration > 0.0:
-            limits.append(0.25 * (self.spacing / acceleration) ** 0.5)
+            limits.append(0.5 * (self.spacing / acceleration) ** 0.5)
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
 

@@ -17,8 +17,8 @@ from sim.parameters import parameter
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
 FEWEST = 24  # particles that grow, and shrink, at a time
-LARGEST, SMALLEST = 2.0**0.5, 0.5**0.5  # volumes at which a particle splits and wants to merge, in rest volumes
-SPLIT_DISTANCE = 0.35  # distance of the two halves from the place of the whole, in particle spacings
+LARGEST, SMALLEST = 2.0, 0.5  # volumes at which a particle splits and wants to merge, in rest volumes
+SPLIT_DISTANCE = 0.4  # distance of the two halves from the place of the whole, in particle spacings
 DIRECTIONS = 24  # random directions, of which the one with most room is taken
 FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
 
@@ -157,7 +157,7 @@ class Injection(Effect):
                 continue
             others = same[(same != row) & ~np.isin(same, list(gone))]
             # Pairs of small particles stay below the largest volume; what is left over shrinks on.
-            others = others[volume[others] + volume[row] <= LARGEST * self.rest_volume]
+            others = others[volume[others] + volume[row] <= 0.75 * LARGEST * self.rest_volume]
             if not len(others):
                 continue
             away = np.linalg.norm(position[others] - position[row], axis=1)

@@ -193,7 +193,8 @@ class InterfaceTension(Effect):
             value = 0.0
             weight_gradient = x * 0.0
             value_gradient = x * 0.0
-            if h > 0.0:
+            # Deep inside a liquid M is flat anyway.
+            if h > 0.0 and ti.abs(self.grid.interpolate(self.level_set.phi, x)) < self.radius:
                 c = self._bin(x)
                 for k in range(3 ** (self.dimension - 1)):
                     first = c + (k % 3 - 1) * self.bin_strides[1]

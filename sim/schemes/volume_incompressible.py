@@ -13,7 +13,8 @@ from sim.runtime import real
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
-SHIFT_LIMIT = 0.1  # largest weight of the shift along -S_i
+SHIFT_RATE = 3.0  # weight of the shift along -S_i per displacement in particle spacings
+SHIFT_LIMIT = 0.3  # largest weight of the shift
 
 
 @ti.data_oriented
@@ -177,5 +178,5 @@ class VolumeIncompressible:
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
-        self._add(self.correction, 0.5 * min(largest_speed * dt / self.spacing, SHIFT_LIMIT) * self.spacing**2)
+        self._add(self.correction, 0.5 * min(SHIFT_RATE * largest_speed * dt / self.spacing, SHIFT_LIMIT) * self.spacing**2)
         self._move(dt)
