@@ -24,7 +24,7 @@ FRAME_SUFFIXES = (".vtu", ".vtp")
 
 POINT_UNITS = {
     "id": "1", "phase": "1", "velocity": "m/s", "pressure": "Pa", "volume": "m**3", "volume_fraction": "1",
-    "compression_rate": "1/s",
+    "compression_rate": "1",
 }
 FIELD_UNITS = {
     "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
@@ -46,7 +46,7 @@ class FrameData:
     pressure : (n,) float, Pa.
     volume : (n,) float, m**3.
     volume_fraction : (n, liquids) float; 0 or 1 where the liquids do not mix.
-    compression_rate : (n,) float, 1/s.
+    compression_rate : (n,) float, 1 at rest.
     time, step, gravity (3,), particle_spacing : s, 1, m/s**2, m.
     scene, liquids : names.
     statistics : solver statistics since the last frame, name -> number (units: ``FIELD_UNITS``).

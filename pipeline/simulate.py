@@ -32,7 +32,7 @@ def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.n
     phases = np.empty(len(position), int)
     start = 0
     bottom_first = np.argsort(-(position @ down), kind="stable")
-    for phase, end in zip(heavy_first, bounds):
+    for phase, end in zip(heavy_first, bounds, strict=True):
         phases[bottom_first[start:end]] = phase
         start = end
     return phases
@@ -105,7 +105,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
     UserError
         When the run goes bad; the message names the step and what failed.
     """
-    from sim.solver import Divergence
+    from sim.errors import RunError
 
     frames = scene.frames_of_segment(segment)
     average = Average()
@@ -120,9 +120,10 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
                     bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
                                         f"{solver.statistics['pressure_iterations']} pressure iterations")
                     bar.update(dt / (until - begin))
-            except (Divergence, OverflowError) as error:
-                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: {error}; the checkpoint before "
-                                "this segment is kept, try a smaller numerics.courant_number or maximum_time_step"
+            except (RunError, OverflowError) as error:
+                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: {error}; "
+                                "the last checkpoint is kept, try a smaller numerics.courant_number "
+                                "or numerics.maximum_time_step"
                                 ) from error
             if index == 0:
                 bar.update(1)
@@ -155,7 +156,8 @@ def main() -> None:
     arguments = parser().parse_args()
     scene = load_resolved(arguments.scene)
     if not 0 <= arguments.segment < scene.segment_count:
-        raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {scene.segment_count - 1}")
+        last = scene.segment_count - 1
+        raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {last}")
     if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
         raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
     initial = load_checkpoint(arguments.initial)

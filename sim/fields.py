@@ -100,7 +100,7 @@ class ParticleStore:
 
     def reorder(self) -> None:
         """Apply the permutation `order` to every carried field."""
-        for array, buffer in zip(self.carried, self.buffers):
+        for array, buffer in zip(self.carried, self.buffers, strict=True):
             self._gather(array, buffer)
             self._copy(buffer, array)
 

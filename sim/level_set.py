@@ -119,7 +119,8 @@ class LevelSet:
                 high = ti.max(high, c)
             c = -1.0  # takes no part
             if high - low > 0.02 and self.started[None] == 1:
-                c = ti.min(ti.max(0.5 + self.grid.interpolate(self.phi, self.walls.position[b]) / self.spacing, 0.0), 1.0)
+                phi = self.grid.interpolate(self.phi, self.walls.position[b])
+                c = ti.min(ti.max(0.5 + phi / self.spacing, 0.0), 1.0)
             self.wall_color[b] = c
 
     @ti.func

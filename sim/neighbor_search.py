@@ -12,7 +12,6 @@ from sim.boundary import Walls
 from sim.fields import ParticleStore
 from sim.runtime import real
 
-
 REACH = 2  # cells on each side that can hold neighbors
 
 

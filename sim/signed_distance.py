@@ -13,7 +13,8 @@ class SignedDistance:
 
     Parameters
     ----------
-    values : (nx, ny[, nz]) at the nodes, m, negative inside; origin : (dimension,) of node 0, m; cell : node distance, m.
+    values : (nx, ny[, nz]) at the nodes, m, negative inside.
+    origin : (dimension,) of node 0, m; cell : node distance, m.
     """
 
     def __init__(self, values: np.ndarray, origin, cell: float):
@@ -28,15 +29,16 @@ class SignedDistance:
         self.values_numpy = np.ascontiguousarray(values, dtype=real_numpy()).ravel()
         self.values.from_numpy(self.values_numpy)
         self.corners = [[(c >> d) & 1 for d in range(self.dimension)] for c in range(2**self.dimension)]
-        self.corner_offsets = [sum(s for bit, s in zip(corner, self.strides) if bit) for corner in self.corners]
+        self.corner_offsets = [sum(s for bit, s in zip(corner, self.strides, strict=True) if bit) for corner in self.corners]
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Distance at (n, dimension) points on the host, m."""
         t = np.clip((points - self.origin_numpy) / self.cell, 0.0, np.array(self.shape) - 1.001)
         base = np.floor(t).astype(int)
         part, flat = t - base, base @ np.array(self.strides)
-        return sum(np.prod(np.where(corner, part, 1.0 - part), axis=1) * self.values_numpy[flat + offset]
-                   for corner, offset in zip(self.corners, self.corner_offsets))
+        weights = [np.prod(np.where(corner, part, 1.0 - part), axis=1) for corner in self.corners]
+        values = [self.values_numpy[flat + offset] for offset in self.corner_offsets]
+        return sum(w * v for w, v in zip(weights, values, strict=True))
 
     @ti.func
     def interpolate(self, field: ti.template(), x):

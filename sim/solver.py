@@ -6,6 +6,7 @@ import taichi as ti
 
 from sim import effects as effect_registry
 from sim import schemes
+from sim.errors import RunError
 from sim.fields import Field, ParticleStore
 from sim.neighbor_search import NeighborSearch
 from sim.runtime import real_numpy
@@ -24,7 +25,7 @@ BASE_FIELDS = (
 )
 
 
-class Divergence(RuntimeError):
+class Divergence(RunError):
     """The run went bad; the message names step, particle and quantity."""
 
 
@@ -271,4 +272,5 @@ class Solver:
 
     def bytes(self) -> int:
         """Memory of particle fields and neighbor rows."""
-        return self.particles.bytes() + sum(rows.bytes() for rows in (self.pairs, self.wall_pairs, self.search.wall_rows))
+        rows = (self.pairs, self.wall_pairs, self.search.wall_rows)
+        return self.particles.bytes() + sum(r.bytes() for r in rows)

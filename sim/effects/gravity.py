@@ -32,12 +32,23 @@ class Turn:
 
 
 @dataclasses.dataclass(frozen=True)
+class Jolt:
+    """A jolt of the head: its acceleration rises and falls as half a sine."""
+
+    start: float = parameter(unit="s", minimum=0.0, meaning="time at which the jolt begins")
+    acceleration: tuple[float, float, float] = parameter(
+        unit="m/s**2", minimum=-200.0, maximum=200.0, meaning="peak acceleration of the head, in the axes of the eye")
+    duration: float = parameter(0.05, unit="s", exclusive_minimum=0.0, meaning="time the jolt takes")
+
+
+@dataclasses.dataclass(frozen=True)
 class GravityParameters:
     """Weight of the liquids."""
 
     magnitude: float = parameter(9.81, unit="m/s**2", minimum=0.0, maximum=200.0, meaning="acceleration of gravity")
     posture: str = parameter("upright", choices=tuple(POSTURES), meaning="posture of the patient at the start")
     turns: tuple[Turn, ...] = parameter((), meaning="turns of the patient, in order, not overlapping")
+    jolts: tuple[Jolt, ...] = parameter((), meaning="jolts of the head")
 
 
 def rotate_towards(start, end, fraction: float) -> np.ndarray:
@@ -75,8 +86,13 @@ class Gravity(Effect):
         return np.asarray(held)
 
     def at(self, time: float) -> np.ndarray:
-        """Gravity in the eye at `time`, (dimension,), m/s^2."""
-        return self.parameters.magnitude * self.direction(time)[: self.solver.dimension]
+        """Gravity less the acceleration of the head at `time`, in the eye, (dimension,), m/s^2."""
+        total = self.parameters.magnitude * self.direction(time)
+        for jolt in self.parameters.jolts:
+            phase = (time - jolt.start) / jolt.duration
+            if 0.0 < phase < 1.0:
+                total = total - np.sin(np.pi * phase) * np.array(jolt.acceleration)
+        return total[: self.solver.dimension]
 
     def prepare(self, dt: float) -> None:
         self.vector[None] = ti.Vector(list(self.at(self.solver.time)))

@@ -12,6 +12,7 @@ import numpy as np
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.errors import RunError
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -91,13 +92,13 @@ class Injection(Effect):
 
         Raises
         ------
-        ValueError
+        RunError
             When that liquid has run out.
         """
         rows = np.flatnonzero(phase == which)
         if not len(rows):
             name = self.solver.liquids[which].name
-            raise ValueError(f"effects.injection: no {name} is left to exchange; lower effects.injection.fill")
+            raise RunError(f"no {name} is left to exchange, lower effects.injection.fill")
         away = np.linalg.norm(position[rows] - point, axis=1)
         return rows[np.argsort(away, kind="stable")[: self.number]]
 
@@ -131,7 +132,8 @@ class Injection(Effect):
             near = position[(np.linalg.norm(away, axis=1) < 2.0 * self.spacing) & (np.arange(len(position)) != row)]
             ends = position[row] + np.stack([step, -step])
             gap = np.linalg.norm(ends[:, :, None] - near, axis=3).min(axis=(0, 2)) if len(near) else np.ones(DIRECTIONS)
-            gap = np.where((self.solver.distance.at(ends.reshape(-1, step.shape[1])).reshape(2, -1) < 0.0).all(0), gap, 0)
+            inside = (self.solver.distance.at(ends.reshape(-1, step.shape[1])) < 0.0).reshape(2, -1).all(0)
+            gap = np.where(inside, gap, 0.0)
             best = int(gap.argmax())
             half = {"phase": phase[row], "velocity": velocity[row], "pressure": pressure[row],
                     "volume": 0.5 * volume[row], "mass": 0.5 * mass[row]}

@@ -85,7 +85,8 @@ class ViscosityImplicit(Effect):
             trace = 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                mean = 2.0 * mu * self.particles.dynamic_viscosity[j] / ti.max(mu + self.particles.dynamic_viscosity[j], 1e-20)
+                mu_j = self.particles.dynamic_viscosity[j]
+                mean = 2.0 * mu * mu_j / ti.max(mu + mu_j, 1e-20)
                 s = self._pair(mean, volume * self.particles.volume[j], x - self.particles.position[j])
                 self.pair_vector[k] = s
                 trace += s.norm_sqr()
@@ -145,8 +146,9 @@ class ViscosityImplicit(Effect):
             self.rho[None] = rho
             self.norm[None] = norm
         for i in range(self.count[None]):
-            self.particles.viscous_direction[i] = (self.particles.viscous_residual[i] / self.particles.viscous_diagonal[i]
-                                      + self.beta[None] * self.particles.viscous_direction[i])
+            self.particles.viscous_direction[i] = (
+                self.particles.viscous_residual[i] / self.particles.viscous_diagonal[i]
+                + self.beta[None] * self.particles.viscous_direction[i])
 
     @ti.kernel
     def _advance(self, dt: float):

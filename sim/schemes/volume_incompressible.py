@@ -13,6 +13,7 @@ from sim.runtime import real
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
+WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
 SHIFT_RATE = 3.0  # weight of the shift along -S_i per displacement in particle spacings
 SHIFT_LIMIT = 0.3  # largest weight of the shift
 
@@ -27,6 +28,7 @@ class VolumeIncompressible:
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
         Field("kernel_gradient_sum", "vector", "1/m", "S_i = sum of V_j grad_i W_ij over liquid and wall"),
         Field("correction", "scalar", "m2", "potential of the position correction"),
+        Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
 
     def __init__(self, solver):
@@ -41,7 +43,7 @@ class VolumeIncompressible:
         self.position, self.velocity, self.volume, self.mass = (
             arrays[name] for name in ("position", "velocity", "volume", "mass"))
         self.acceleration = arrays["acceleration"]
-        self.pressure, self.correction = arrays["pressure"], arrays["correction"]
+        self.pressure, self.correction, self.contact = arrays["pressure"], arrays["correction"], arrays["contact"]
         self.compression_rate, self.gradient_sum = arrays["compression_rate"], arrays["kernel_gradient_sum"]
         self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
         self.volume_rate = arrays.get("volume_rate")
@@ -157,7 +159,8 @@ class VolumeIncompressible:
     @ti.kernel
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
-            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, self.wall_compression[b] - self.wall_compression_rest[b])
+            error = self.wall_compression[b] - self.wall_compression_rest[b]
+            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, error)
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.pressure_solver.fold(i)
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
@@ -171,12 +174,20 @@ class VolumeIncompressible:
         for i in range(self.count[None]):
             shift = self.pressure_solver.pressure_force(self.correction, i)
             length = shift.norm()
-            self.position[i] += dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+            x = self.position[i] + dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+            overlap = self.solver.distance.value(x) + WALL_CLEARANCE * self.spacing
+            self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
+            if overlap > 0.0:  # the wall stops what the pressure has not
+                normal = self.solver.distance.normal(x)
+                x -= overlap * normal
+                self.velocity[i] -= ti.max(self.velocity[i].dot(normal), 0.0) * normal
+            self.position[i] = x
 
     def advect(self, dt: float, largest_speed: float) -> None:
         """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone."""
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
-        self._add(self.correction, 0.5 * min(SHIFT_RATE * largest_speed * dt / self.spacing, SHIFT_LIMIT) * self.spacing**2)
+        shift = min(SHIFT_RATE * largest_speed * dt / self.spacing, SHIFT_LIMIT)
+        self._add(self.correction, 0.5 * shift * self.spacing**2)
         self._move(dt)
