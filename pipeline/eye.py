@@ -16,6 +16,7 @@ from pipeline.files import replacing, write_text
 from pipeline.mesh_import import MeshRefused, import_mesh
 from pipeline.scene import load_resolved
 from pipeline.scene_model import Eye
+from pipeline.vtk_files import write_vtk
 
 
 def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
@@ -51,7 +52,7 @@ def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
 def write_mesh(mesh: trimesh.Trimesh, path: str | Path) -> None:
     """Write a surface in m as VTK polydata with double precision."""
     with replacing(path) as temporary:
-        pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).save(temporary)
+        write_vtk(pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)), temporary)
 
 
 def read_mesh(path: str | Path) -> trimesh.Trimesh:

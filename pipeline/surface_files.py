@@ -5,6 +5,7 @@ import numpy as np
 
 from pipeline.contour import TriangleMesh
 from pipeline.errors import UserError
+from pipeline.vtk_files import write_vtk
 
 EMPTY = {
     ".ply": b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
@@ -23,14 +24,12 @@ def write_surface(path: Path, mesh: TriangleMesh, *, time: float, liquid: str, d
 
     The folder that holds the file is renamed when complete, so the file itself is written in place.
     """
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-
     surface = to_polydata(mesh)
     surface.point_data["depth"] = depth.astype(np.float32)
     surface.field_data["time"] = [time]
     surface.field_data["liquid"] = [liquid]
     surface.field_data["units"] = ["points: m", "depth: m", "time: s"]
-    _write(vtkXMLPolyDataWriter(), path, surface)
+    write_vtk(surface, path)
 
 
 def write_copy(path: Path, mesh: TriangleMesh) -> None:
@@ -53,7 +52,6 @@ def to_polydata(mesh: TriangleMesh):
 def write_section(path: Path, section) -> None:
     """Write a :class:`pipeline.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0."""
     import pyvista
-    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     count_y, count_z = section.signed_distance.shape
     image = pyvista.ImageData(dimensions=(1, count_y, count_z), spacing=(section.cell,) * 3,
@@ -62,7 +60,7 @@ def write_section(path: Path, section) -> None:
         values = getattr(section, name)
         image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])
     image.point_data["signed_distance"] = section.signed_distance.ravel(order="F")
-    _write(vtkXMLImageDataWriter(), path, image)
+    write_vtk(image, path)
 
 
 def read_section(path: Path):
@@ -77,13 +75,3 @@ def read_section(path: Path):
     if not Path(path).is_file():
         raise UserError(f"{path}: no such section; run the reconstruct stage first")
     return pyvista.read(path)
-
-
-def _write(writer, path: Path, data) -> None:
-    writer.SetInputData(data)
-    writer.SetFileName(str(path))
-    writer.SetDataModeToAppended()
-    writer.EncodeAppendedDataOff()
-    writer.SetCompressorTypeToLZ4()
-    if not writer.Write():
-        raise OSError(f"{path}: could not be written: disk full or folder not writable")
