@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -80,3 +81,32 @@ class Project:
 def project(tmp_path) -> Project:
     """Return a copy of the project that one test may change and run."""
     return Project(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def circle(taichi) -> dict[str, np.ndarray]:
+    """Return the arrays of a packed circle of ten spacings."""
+    from cavities import RADIUS, cavity
+
+    return cavity("circle", RADIUS)
+
+
+@pytest.fixture(scope="session")
+def elsewhere(circle, tmp_path_factory):
+    """Return a function that advances cases of ``cavities`` in a process of its own and returns their results."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    np.savez(folder / "circle.npz", **circle)
+
+    def advanced(precision: str, threads: int, *cases: str) -> dict[str, np.ndarray]:
+        target = folder / f"{precision}_{threads}.npz"
+        subprocess.run([sys.executable, "tests/cavities.py", precision, str(threads), folder / "circle.npz", target,
+                        *cases], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+        return dict(np.load(target))
+
+    return advanced
+
+
+@pytest.fixture(scope="session")
+def single_precision(elsewhere) -> dict[str, np.ndarray]:
+    """Return the results of all cases of ``cavities`` in single precision."""
+    return elsewhere("f32", 0, "kernels", "tank", "injection")

@@ -1,0 +1,111 @@
+"""Solvers in small cavities, shared by the tests of the solver.
+
+Run as a script it advances the same cases in a process of its own, with another precision or number of threads.
+"""
+import functools
+import sys
+
+import numpy as np
+
+from pipeline.shapes import shape_arrays
+from sim.effects import REGISTRY
+from sim.packing import pack
+from sim.settings import Liquid, Numerics, Settings
+from sim.solver import Solver
+
+SPACING = 1e-3
+RADIUS = 10e-3
+AQUEOUS = Liquid("aqueous", 1005.0, 1e-3)
+OIL = Liquid("oil", 970.0, 1.0)
+
+
+def parameters(name: str, **values):
+    """Return the parameters of an effect."""
+    return REGISTRY[name].Parameters(**values)
+
+
+@functools.cache
+def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING) -> dict[str, np.ndarray]:
+    """Return the arrays of a cavity, packed where it is round."""
+    arrays = shape_arrays(kind, size, spacing, dimension=dimension)
+    if kind != "box":
+        arrays["fluid_position"], _ = pack(arrays["fluid_position"], arrays["fluid_volume"], arrays["wall_position"],
+                                           arrays["wall_volume"], spacing, 2.5, 150)
+    return arrays
+
+
+def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="f64", **numerics) -> Solver:
+    """Return a solver in a cavity; `phase` is a function of the positions, by default the upper half is oil."""
+    position = arrays["fluid_position"]
+    phase = (position[:, 1] > 0.0) if phase is None else phase(position)
+    settings = Settings(
+        dimension=position.shape[1], liquids=tuple(liquids), effects=tuple(effects),
+        numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), precision=precision, **numerics))
+    return Solver(settings, fluid_position=position, fluid_volume=arrays["fluid_volume"],
+                  fluid_phase=np.asarray(phase).astype(int), wall_position=arrays["wall_position"],
+                  wall_volume=arrays["wall_volume"], wall_depth=arrays["wall_distance"],
+                  sdf_values=arrays["sdf_values"], sdf_origin=arrays["sdf_origin"], sdf_cell=arrays["sdf_cell"],
+                  cavity_volume=arrays["cavity_volume"])
+
+
+def run(solver: Solver, until: float, watch=lambda solver: None) -> list:
+    """Advance to a time; return what `watch` gives after every step."""
+    return [watch(solver) for _ in solver.advance(until)]
+
+
+def read(solver: Solver, *names: str) -> list[np.ndarray]:
+    """Return fields of the particles in double precision."""
+    return [solver.particles.to_numpy(name).astype(float) for name in names]
+
+
+def momentum(solver: Solver) -> np.ndarray:
+    """Return the momentum of the liquid, kg m/s."""
+    mass, velocity = read(solver, "mass", "velocity")
+    return mass @ velocity
+
+
+def root_mean_square_speed(solver: Solver) -> float:
+    """Return the root mean square of the speeds, m/s."""
+    (velocity,) = read(solver, "velocity")
+    return float(np.sqrt((velocity**2).sum(axis=1).mean()))
+
+
+def tank(arrays, precision: str) -> Solver:
+    """Return a tank that turns over: oil left, aqueous right, with tension and diffusion."""
+    effects = (parameters("gravity"), parameters("viscosity_implicit"),
+               parameters("interface_tension", coefficient=0.04, contact_angle=60.0),
+               parameters("diffusion", coefficient=1e-6))
+    return build(arrays, effects=effects, phase=lambda x: x[:, 0] < 0.0, precision=precision)
+
+
+def injected(arrays, precision: str, **changes) -> Solver:
+    """Return a cavity full of aqueous into which oil flows."""
+    volume = float(arrays["cavity_volume"])
+    values = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1.0 * volume, "fill": 0.25,
+              "cannula": (0.0, 4e-3, 0.0), "drain": (0.0, -9e-3, 0.0)} | changes
+    effects = (parameters("injection", **values), parameters("viscosity_implicit"))
+    return build(arrays, effects=effects, phase=lambda x: np.zeros(len(x)), precision=precision,
+                 maximum_time_step=1e-3)
+
+
+def main(precision: str, threads: str, source: str, target: str, *cases: str) -> None:
+    """Advance the cases from the cavity in one file and write their results into another."""
+    from sim.runtime import initialize
+    initialize(precision, int(threads))
+    from test_injection import watched
+    from test_smoothing_kernels import sample_kernels
+    arrays = dict(np.load(source))
+    results = {}
+    if "tank" in cases:
+        solver = tank(arrays, precision)
+        run(solver, 0.02)
+        results |= {f"tank.{name}": values for name, values in solver.state().items()}
+    if "injection" in cases:
+        results |= {f"injection.{name}": values for name, values in watched(injected(arrays, precision)).items()}
+    if "kernels" in cases:
+        results |= {f"kernels.{name}": values for name, values in sample_kernels().items()}
+    np.savez(target, **results)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,134 @@
+"""Neighbor rows against a k-d tree."""
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sim.fields import Field, ParticleStore
+from sim.neighbor_search import NeighborSearch
+from sim.smoothing_kernels import WendlandC2
+
+pytestmark = pytest.mark.usefixtures("taichi")
+SPACING = 1e-3
+SUPPORT = 2.5e-3
+FIELDS = (Field("id", "integer", "", "input order", carried=True), Field("position", "vector", "m", "", carried=True),
+          Field("volume", "scalar", "m3", "", carried=True))
+
+
+def searched(fluid, walls, volume=None, crowding=1.25):
+    """Return store and search of liquid at the given positions, rows built, with walls of unequal volumes."""
+    dimension = fluid.shape[1]
+    particles = ParticleStore(FIELDS, len(fluid) + 10, dimension, 2)
+    wall_volume = np.linspace(1.0, 2.0, len(walls)) * SPACING**dimension
+    search = NeighborSearch(particles, (walls, wall_volume, np.zeros(len(walls))), WendlandC2(SUPPORT, dimension),
+                            walls.min(axis=0), walls.max(axis=0), SPACING, crowding)
+    particles.count[None] = len(fluid)
+    volume = np.linspace(0.5, 1.5, len(fluid)) * SPACING**dimension if volume is None else volume
+    for name, values in (("id", np.arange(len(fluid))), ("position", fluid), ("volume", volume)):
+        particles.from_numpy(name, values)
+    search.sort()
+    search.build()
+    return particles, search
+
+
+def listed(rows, row_names, names) -> dict:
+    """Return {(row, neighbor): (weight, gradient)} with names for rows and neighbors; none may appear twice."""
+    count, index = rows.count.to_numpy(), rows.index.to_numpy()
+    weight, gradient = rows.weight.to_numpy(), rows.gradient.to_numpy()
+    entries = [((row_names[i], names[index[k]]), (weight[k], gradient[k]))
+               for i in range(len(row_names)) for k in range(i * rows.width, i * rows.width + count[i])]
+    assert len(dict(entries)) == len(entries)
+    return dict(entries)
+
+
+def cloud(dimension, extent, seed=3):
+    """Return disordered liquid in a box and a shell of walls around it."""
+    rng = np.random.default_rng(seed)
+    count = int((extent / SPACING) ** dimension)
+    fluid = rng.uniform(-0.5 * extent, 0.5 * extent, (count, dimension))
+    # Thin the cloud: no two closer than half a spacing, as in liquid.
+    tree = cKDTree(fluid)
+    later = {j for i, j in tree.query_pairs(0.5 * SPACING)}
+    fluid = fluid[[i for i in range(count) if i not in later]]
+    walls = rng.uniform(-0.5 * extent - 2.0 * SPACING, 0.5 * extent + 2.0 * SPACING, (3 * count, dimension))
+    walls = walls[np.abs(walls).max(axis=1) > 0.5 * extent][:count]
+    return fluid, walls
+
+
+@pytest.mark.parametrize("dimension, extent", [(2, 16e-3), (3, 7e-3)])
+def test_rows_equal_those_of_a_tree(dimension, extent):
+    fluid, walls = cloud(dimension, extent)
+    particles, search = searched(fluid, walls, crowding=3.0)
+    ids = particles.to_numpy("id")
+    kernel = WendlandC2(SUPPORT, dimension)
+    wall_ids = search.wall_order
+    for rows, own, others, row_names, names, volume in (
+            (search.pairs, fluid, fluid, ids, ids, np.linspace(0.5, 1.5, len(fluid))),
+            (search.wall_pairs, fluid, walls, ids, wall_ids, np.linspace(1.0, 2.0, len(walls))),
+            (search.wall_rows, walls, fluid, wall_ids, ids, np.linspace(0.5, 1.5, len(fluid)))):
+        found = listed(rows, row_names, names)
+        same = own is others
+        expected = {(i, j) for i, near in enumerate(cKDTree(others).query_ball_point(own, SUPPORT)) for j in near
+                    if not (same and i == j)}
+        assert len(expected) > len(own) and set(found) == expected
+        pairs = np.array(sorted(expected))
+        away = own[pairs[:, 0]] - others[pairs[:, 1]]
+        q = np.linalg.norm(away, axis=1) / SUPPORT
+        weight = volume[pairs[:, 1]] * SPACING**dimension * kernel.at_zero
+        np.testing.assert_allclose([found[tuple(p)][0] for p in pairs], weight * (1 - q) ** 4 * (4 * q + 1),
+                                   rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(np.array([found[tuple(p)][1] for p in pairs]),
+                                   (-20.0 * weight / SUPPORT**2 * (1 - q) ** 3)[:, None] * away, rtol=1e-10, atol=1e-12)
+
+
+def test_order_of_the_particles_does_not_matter():
+    fluid, walls = cloud(2, 12e-3)
+    volume = np.linspace(0.5, 1.5, len(fluid)) * SPACING**2
+    shuffle = np.random.default_rng(0).permutation(len(fluid))
+    particles, search = searched(fluid, walls, volume, crowding=3.0)
+    shuffled, other = searched(fluid[shuffle], walls, volume[shuffle], crowding=3.0)
+    ids, other_ids = particles.to_numpy("id"), shuffle[shuffled.to_numpy("id")]
+    for a, b in ((listed(search.pairs, ids, ids), listed(other.pairs, other_ids, other_ids)),
+                 (listed(search.wall_pairs, ids, search.wall_order), listed(other.wall_pairs, other_ids,
+                                                                            other.wall_order))):
+        assert a.keys() == b.keys()
+        for pair in a:
+            assert a[pair][0] == b[pair][0] and (a[pair][1] == b[pair][1]).all()
+
+
+def test_sort_keeps_every_particle_whole_and_neighbors_close_in_memory():
+    fluid, walls = cloud(2, 12e-3)
+    particles, search = searched(fluid, walls, crowding=3.0)
+    ids = particles.to_numpy("id")
+    np.testing.assert_array_equal(np.sort(ids), np.arange(len(fluid)))
+    np.testing.assert_array_equal(particles.to_numpy("position"), fluid[ids])
+    np.testing.assert_array_equal(particles.to_numpy("volume"),
+                                  (np.linspace(0.5, 1.5, len(fluid)) * SPACING**2)[ids])
+    cell = np.floor((fluid[ids] - search.origin_numpy) / search.cell).astype(int) @ np.array(search.strides)
+    assert (np.diff(cell) >= 0).all()
+
+
+def test_particles_that_left_the_grid_still_find_each_other():
+    fluid, walls = cloud(2, 8e-3)
+    lost = np.array([[0.5, 0.5], [0.5005, 0.5], [0.5, -0.5]])
+    particles, search = searched(np.vstack([fluid, lost]), walls, crowding=3.0)
+    ids = particles.to_numpy("id")
+    found = {pair for pair in listed(search.pairs, ids, ids) if max(pair) >= len(fluid)}
+    first = len(fluid)
+    assert found == {(first, first + 1), (first + 1, first)}
+
+
+@pytest.mark.parametrize("which", ["pairs", "wall_pairs", "wall_rows"])
+def test_a_full_row_is_an_error(which):
+    fluid, walls = cloud(2, 8e-3)
+    rng = np.random.default_rng(1)
+    crowd = rng.normal(scale=0.1 * SPACING, size=(60, 2))
+    edge = np.array([4.5e-3, 0.0])
+    if which == "pairs":
+        fluid = np.vstack([fluid, crowd])
+    elif which == "wall_pairs":
+        walls = np.vstack([walls, crowd + edge])
+    else:
+        fluid = np.vstack([fluid, np.stack([np.full(40, edge[0]), np.linspace(-1e-3, 1e-3, 40)], axis=1)])
+        walls = np.vstack([walls, edge[None]])
+    with pytest.raises(OverflowError, match=r"neighbors where .* fit.*pile up"):
+        searched(fluid, walls)

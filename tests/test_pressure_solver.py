@@ -1,0 +1,169 @@
+"""The pressure equation against matrices assembled by hand from all pairs, without neighbor rows."""
+import cavities
+import numpy as np
+import pytest
+
+from sim.settings import Liquid
+
+pytestmark = pytest.mark.usefixtures("taichi")
+SPACING = 1e-3
+SUPPORT = 2.5 * SPACING
+LIQUIDS = (Liquid("heavy", 1000.0, 0.0), Liquid("light", 500.0, 0.0))
+
+
+class Reference:
+    """D, E and the masses of a solver's state as dense matrices.
+
+    (D v)_a = V_a sum_j V_j (v_a - v_j).G_aj over liquid and wall a; E = [1; P].
+    """
+
+    def __init__(self, solver):
+        self.position, self.volume, self.mass = cavities.read(solver, "position", "volume", "mass")
+        walls = solver.walls
+        count, wall_count, dimension = len(self.volume), walls.count, solver.dimension
+        everything = np.vstack([self.position, walls.position.to_numpy()])
+        volume = np.concatenate([self.volume, walls.volume.to_numpy()])
+        away = everything[:, None] - everything[None]
+        q = np.minimum(np.linalg.norm(away, axis=2) / SUPPORT, 1.0)
+        scale = {2: 7.0 / np.pi, 3: 21.0 / (2.0 * np.pi)}[dimension] / SUPPORT**dimension
+        self.kernel = scale * (1 - q) ** 4 * (4 * q + 1)
+        gradient = (-20.0 * scale / SUPPORT**2 * (1 - q) ** 3)[:, :, None] * away
+        gradient[count:, count:] = 0.0      # wall meets wall nowhere in the method
+        self.pair = volume[:, None, None] * volume[None, :, None] * gradient        # V_a V_b G_ab
+        self.rate = np.zeros((count + wall_count, count, dimension))
+        self.rate -= self.pair[:, :count]
+        own = self.pair.sum(axis=1)
+        self.rate[np.arange(count), np.arange(count)] += own[:count]
+        self.rate = self.rate.reshape(count + wall_count, count * dimension)
+        near = self.volume * self.kernel[count:, :count]
+        total = near.sum(axis=1, keepdims=True)
+        wall_rows = np.divide(near, total, out=np.zeros_like(near), where=total > 0.0)
+        self.extrapolation = np.vstack([np.eye(count), wall_rows])
+        self.count, self.dimension = count, dimension
+
+    def matrix(self, inverse_weight):
+        """E^T D diag(1/w) D^T E."""
+        operator = self.extrapolation.T @ self.rate
+        return operator / np.repeat(inverse_weight, self.dimension) @ operator.T
+
+
+@pytest.fixture(scope="module", params=[(2, 4.5e-3), (3, 2.6e-3)], ids=["circle", "sphere"])
+def state(request):
+    """Return a solver of two liquids of 2:1 at rest between walls, with unequal volumes, and its matrices."""
+    dimension, radius = request.param
+    solver = cavities.build(cavities.cavity("circle", radius, dimension), liquids=LIQUIDS)
+    volume, mass = cavities.read(solver, "volume", "mass")
+    factor = np.random.default_rng(5).uniform(0.7, 1.4, len(volume))
+    solver.particles.from_numpy("volume", volume * factor)
+    solver.particles.from_numpy("mass", mass * factor)
+    solver._prepare_rest_state()
+    return solver, solver.scheme.pressure_solver, Reference(solver)
+
+
+def assembled(solver, pressure_solver, weighted):
+    """Return the matrix that the products with unit vectors give."""
+    columns = []
+    pressure = solver.scheme.pressure
+    for column in np.eye(solver.count[None]):
+        solver.particles.from_numpy("pressure", column)
+        pressure_solver._apply(pressure, weighted)
+        columns.append(pressure_solver.applied.to_numpy()[: len(column)])
+    return np.stack(columns, axis=1)
+
+
+@pytest.fixture(params=[True, False], ids=["velocity", "position"])
+def matrices(request, state):
+    solver, pressure_solver, reference = state
+    weight = reference.mass if request.param else reference.volume
+    return (*state, request.param, assembled(solver, pressure_solver, request.param), reference.matrix(weight))
+
+
+def test_product_equals_the_assembled_matrix(matrices):
+    *_, found, expected = matrices
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_matrix_is_symmetric_and_positive_semidefinite(matrices):
+    *_, found, _ = matrices
+    scale = np.abs(found).max()
+    np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-12 * scale)
+    values = np.linalg.eigvalsh(0.5 * (found + found.T))
+    assert values[0] > -1e-12 * values[-1]
+    # The pressure is determined up to few weak shapes: a constant and what the wide kernel hardly sees.
+    assert values[len(values) // 2] > 1e-3 * values[-1]
+
+
+def test_preconditioner_is_the_diagonal_of_the_liquid(matrices):
+    _, pressure_solver, reference, weighted, found, _ = matrices
+    pressure_solver._update_diagonal(weighted)
+    diagonal = pressure_solver.diagonal.to_numpy()[: reference.count]
+    weight = reference.mass if weighted else reference.volume
+    liquid = reference.rate[: reference.count]
+    np.testing.assert_allclose(diagonal, (liquid**2 / np.repeat(weight, reference.dimension)).sum(axis=1), rtol=1e-12)
+    # The wall's rows are left out of it; with them the diagonal stays of the same size.
+    ratio = np.diag(found) / diagonal
+    assert ratio.min() > 0.2 and ratio.max() < 5.0
+
+
+def test_right_side_is_the_volume_rate(state):
+    solver, _, reference = state
+    velocity = np.random.default_rng(1).normal(size=(reference.count, reference.dimension))
+    solver.particles.from_numpy("velocity", velocity)
+    dt = 0.25
+    solver.scheme._set_velocity_right_side(dt)
+    found = solver.scheme.pressure_solver.right_side.to_numpy()[: reference.count] * dt
+    expected = reference.extrapolation.T @ reference.rate @ velocity.ravel()
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_momentum_is_exchanged_with_the_wall_only(state):
+    """The impulse of the liquid is minus that of the wall, and a uniform pressure pushes the whole wall evenly."""
+    solver, pressure_solver, reference = state
+    count = reference.count
+    for pressure in (np.random.default_rng(2).normal(size=count), np.ones(count)):
+        solver.particles.from_numpy("pressure", pressure)
+        solver.particles.from_numpy("velocity", np.zeros((count, reference.dimension)))
+        pressure_solver.accelerate(solver.scheme.pressure, solver.velocity, 1.0, True)
+        (velocity,) = cavities.read(solver, "velocity")
+        everywhere = reference.extrapolation @ pressure
+        # Force of the wall on the liquid: -V_i V_b (p_i + p_b) G_ib.
+        wall = reference.pair[:count, count:] * (pressure[:, None] + everywhere[None, count:])[:, :, None]
+        np.testing.assert_allclose(reference.mass @ velocity, -wall.sum(axis=(0, 1)), rtol=0.0,
+                                   atol=1e-12 * np.abs(wall).sum())
+        # Nothing of it comes from pairs within the liquid, particle by particle:
+        inner = reference.pair[:count, :count] * (pressure[:, None] + pressure[None])[:, :, None]
+        np.testing.assert_allclose(reference.mass[:, None] * velocity, -(inner.sum(axis=1) + wall.sum(axis=1)),
+                                   rtol=0.0, atol=1e-12 * np.abs(inner).sum(axis=1).max())
+    np.testing.assert_allclose(everywhere[everywhere != 0.0], 1.0, rtol=1e-12)
+
+
+def test_solve_makes_the_velocity_free_of_divergence(state):
+    solver, pressure_solver, reference = state
+    rng = np.random.default_rng(3)
+    velocity = rng.normal(size=(reference.count, reference.dimension))
+    velocity -= velocity.mean(axis=0)
+    solver.particles.from_numpy("velocity", velocity)
+    solver.particles.from_numpy("pressure", np.zeros(reference.count))
+    dt = 0.01
+    operator = reference.extrapolation.T @ reference.rate
+    before = np.abs(operator @ velocity.ravel()).mean()
+    solver.scheme._set_velocity_right_side(dt)
+    iterations, mean, largest = pressure_solver.solve(
+        solver.scheme.pressure, weighted=True, step=dt * dt, tolerance=1e-8 * before / reference.volume.mean() * dt,
+        maximum_iterations=5000)
+    pressure_solver.accelerate(solver.scheme.pressure, solver.velocity, dt, True)
+    after = operator @ cavities.read(solver, "velocity")[0].ravel()
+    # What no pressure can change is the mean: liquid cannot be created.
+    assert 0 < iterations < 5000 and mean < largest
+    assert np.abs(after - after.mean()).mean() < 1e-6 * before
+    rate = np.abs(after - after.mean()) / reference.volume * dt
+    assert mean == pytest.approx(rate.mean(), rel=0.05) and largest == pytest.approx(rate.max(), rel=0.05)
+
+
+def test_zero_tolerance_makes_exactly_the_iterations_asked_for(state):
+    solver, pressure_solver, reference = state
+    solver.particles.from_numpy("pressure", np.zeros(reference.count))
+    pressure_solver.right_side.fill(0.0)
+    assert pressure_solver.solve(solver.scheme.pressure, weighted=False, step=1.0, tolerance=0.0,
+                                 maximum_iterations=5)[0] == 5
+    assert not cavities.read(solver, "pressure")[0].any()
