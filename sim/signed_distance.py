@@ -29,7 +29,7 @@ class SignedDistance:
         self.values_numpy = np.ascontiguousarray(values, dtype=real_numpy()).ravel()
         self.values.from_numpy(self.values_numpy)
         self.corners = [[(c >> d) & 1 for d in range(self.dimension)] for c in range(2**self.dimension)]
-        self.corner_offsets = [sum(s for bit, s in zip(corner, self.strides, strict=True) if bit) for corner in self.corners]
+        self.corner_offsets = [int(np.dot(corner, self.strides)) for corner in self.corners]
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Distance at (n, dimension) points on the host, m."""

@@ -243,6 +243,9 @@ class Solver:
                 effect.start()
             prefix = f"{effect.name}."
             effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
+        self.search.sort()  # stable: the order of a sorted state stays
+        self.search.build()
+        self.scheme.measure()
         self._largest_values()
 
     @ti.kernel

@@ -158,14 +158,13 @@ class Injection(Effect):
             if int(row) in gone:
                 continue
             others = same[(same != row) & ~np.isin(same, list(gone))]
-            # Pairs of small particles stay below the largest volume; what is left over shrinks on.
-            others = others[volume[others] + volume[row] <= 0.75 * LARGEST * self.rest_volume]
-            if not len(others):
-                continue
             away = np.linalg.norm(position[others] - position[row], axis=1)
-            partner = int(others[away.argmin()])
-            if away.min() > 1.5 * self.spacing:
+            # A near partner that makes no large particle; one that has shrunk to half once more takes the nearest.
+            near = (away < 1.5 * self.spacing) & (volume[others] + volume[row] <= 0.75 * LARGEST * self.rest_volume)
+            allowed = near if volume[row] > 0.5 * SMALLEST * self.rest_volume else np.ones(len(others), bool)
+            if not allowed.any():
                 continue
+            partner = int(others[allowed][away[allowed].argmin()])
             total, weight = volume[row] + volume[partner], mass[row] + mass[partner]
             position[partner] = (volume[row] * position[row] + volume[partner] * position[partner]) / total
             velocity[partner] = (mass[row] * velocity[row] + mass[partner] * velocity[partner]) / weight
