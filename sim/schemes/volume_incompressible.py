@@ -14,8 +14,7 @@ CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains n
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
-SHIFT_RATE = 3.0  # weight of the shift along -S_i per displacement in particle spacings
-SHIFT_LIMIT = 0.3  # largest weight of the shift
+SHIFT_WEIGHT = 0.4  # shift along -S_i, in dx^2; it replaces a background pressure, which would heat the liquid
 
 
 @ti.data_oriented
@@ -183,11 +182,10 @@ class VolumeIncompressible:
                 self.velocity[i] -= ti.max(self.velocity[i].dot(normal), 0.0) * normal
             self.position[i] = x
 
-    def advect(self, dt: float, largest_speed: float) -> None:
+    def advect(self, dt: float) -> None:
         """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone."""
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
-        shift = min(SHIFT_RATE * largest_speed * dt / self.spacing, SHIFT_LIMIT)
-        self._add(self.correction, 0.5 * shift * self.spacing**2)
+        self._add(self.correction, 0.5 * SHIFT_WEIGHT * self.spacing**2)
         self._move(dt)
