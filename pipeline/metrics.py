@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.frames import find_frames, read_frame
-from pipeline.measured import Measured, load_initial
+from pipeline.initial import load_initial
+from pipeline.measured import Measured
 from pipeline.metrics_table import write_plots, write_summary, write_table
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
@@ -90,6 +91,12 @@ def kinetic_energy(state):
 def potential_energy(state):
     gravity = state.frame.gravity[:state.frame.dimension]
     return -np.sum(state.mass * (state.frame.position @ gravity))
+
+
+@metric("mm/s", "root mean square and largest speed of the particles")
+def speed(state):
+    square = np.sum(state.frame.velocity.astype(float)**2, axis=1)
+    return {"rms": 1e3 * np.sqrt(square.mean()), "largest": 1e3 * np.sqrt(square.max())}
 
 
 @metric("1", "largest compression of a particle: the volume of its neighbors, weighted by the kernel; 1 at rest")
