@@ -96,7 +96,7 @@ def potential_energy(state):
 @metric("mm/s", "root mean square and largest speed of the particles")
 def speed(state):
     square = np.sum(state.frame.velocity.astype(float)**2, axis=1)
-    return {"rms": 1e3 * np.sqrt(square.mean()), "largest": 1e3 * np.sqrt(square.max())}
+    return {"rms": 1e3 * np.sqrt(square.sum() / max(len(square), 1)), "largest": 1e3 * np.sqrt(square.max(initial=0.0))}
 
 
 @metric("1", "largest compression of a particle: the volume of its neighbors, weighted by the kernel; 1 at rest")
