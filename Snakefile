@@ -30,12 +30,16 @@ IMAGES = "outputs/{scene}/images/segment_{segment}"
 
 
 wildcard_constraints:
-    scene=r"\w+",
-    segment=r"\d{3}",
+    scene=r"[A-Za-z0-9_-]+",
+    segment=r"\d{3,}",
 
 
 onstart:
     flow.prepare_outputs()
+
+
+onerror:
+    flow.repeat_errors()
 
 
 rule all:

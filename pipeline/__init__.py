@@ -1,4 +1,4 @@
-"""The stages of the pipeline: scene, eye, voxelize, simulate, reconstruct, render, movie, metrics, report."""
+"""The stages of the pipeline: scene, eye, voxelize, simulate, reconstruct, render, movie, metrics."""
 import os
 
 # Every stage prints only what its user asked for; taichi reads this when it is imported.

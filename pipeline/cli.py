@@ -16,6 +16,8 @@ _REASONS = {
     errno.EACCES: "permission denied",
     errno.EROFS: "the disk is not writable",
     errno.ENOENT: "no such file or folder",
+    errno.EFBIG: "the file is too large for this disk",
+    errno.EIO: "the disk has an error",
     errno.EISDIR: "this is a folder, not a file",
     errno.ENOTDIR: "a part of this path is a file, not a folder",
 }
@@ -36,7 +38,7 @@ def run(main: Callable[[], int | None]) -> NoReturn:
         sys.stdout = None  # the reader (`head`, a closed pager) has seen enough; nothing is left to flush at exit
         code = FAILED
     except OSError as error:
-        code = _report(FAILED, _describe(error))
+        code = _report(FAILED, describe(error))
     except MemoryError as error:
         code = _report(FAILED, f"out of memory ({error}), use a coarser accuracy level" if str(error) else
                        "out of memory, use a coarser accuracy level")
@@ -51,6 +53,7 @@ def _report(code: int, *messages: str) -> int:
     return code
 
 
-def _describe(error: OSError) -> str:
+def describe(error: OSError) -> str:
+    """Return an error of the operating system as a sentence: which file, and what is wrong with it."""
     reason = _REASONS.get(error.errno) or error.strerror or str(error) or type(error).__name__
     return f"{error.filename}: {reason}" if error.filename is not None else reason

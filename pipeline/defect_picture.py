@@ -5,6 +5,7 @@ import numpy as np
 import pyvista
 import trimesh
 
+from pipeline.cli import describe
 from pipeline.errors import UserError
 from pipeline.files import replacing
 from pipeline.opengl import use_working_opengl
@@ -15,13 +16,15 @@ MOST_SHOWN_EDGES = 50_000       # triangles; finer meshes turn black when their 
 def picture_of_defect(mesh: trimesh.Trimesh, segments: np.ndarray, path: str | Path) -> str:
     """Draw a surface and faulty edges (n, 2, 3), both in m, into a PNG; return where it is, or why there is none.
 
-    A machine without OpenGL must not hide the reason for which the surface is refused.
+    A machine without OpenGL or room must not hide the reason for which the surface is refused.
     """
     try:
         use_working_opengl()
+        draw(mesh, segments, Path(path))
     except UserError as missing:
         return f"no picture of the place: {missing}"
-    draw(mesh, segments, Path(path))
+    except OSError as error:
+        return f"no picture of the place: {describe(error)}"
     return f"see {path}"
 
 

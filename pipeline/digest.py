@@ -23,7 +23,7 @@ WORDS = ("title", "description", "label")
 PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "eye": (*WORDS, "accuracy", "start_from", "initial", "effects", "output", "liquids"),
+    "eye": (*WORDS, "accuracy", "start_from", "initial", "effects", "numerics", "output", "liquids"),
     "voxelize": (*WORDS, "accuracy", "start_from", "output", "liquids.color", "liquids.source"),
     "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
     "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "output.duration", "output.image_size",

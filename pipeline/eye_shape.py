@@ -6,12 +6,15 @@ the posterior lens radius of 6 mm and thickness of 3.6 mm of the Gullstrand eye.
 Axes: origin = center of the globe, +x the patient's left, +y superior, +z anterior; lengths in m, volumes in m3.
 """
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyvista
-import trimesh
 
-LENSES = ("phakic", "pseudophakic", "aphakic")
+from pipeline.scene_model import LENSES
+
+if TYPE_CHECKING:
+    import trimesh
+
 REFERENCE_LENGTH = 24.0e-3
 # Diameters of F1 times 0.968: at 24 mm the cavity then holds what F3 found in operated eyes (5.05 mL), not the 5.4 mL
 # of F1. The equator grows slower than the length (F3: myopic eyes are long); the exponent fits F3 from 20 to 30 mm.
@@ -82,12 +85,15 @@ def eye_shape(axial_length: float = REFERENCE_LENGTH, *, lens: str = "phakic",
     return EyeShape(half_axes, front, lens_pole if lens == "phakic" else None)
 
 
-def eye_mesh(shape: EyeShape) -> trimesh.Trimesh:
+def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":
     """Closed triangle mesh of the cavity in m, normals outward.
 
     The wall is seen whole from the shape's viewpoint, so each vertex of an icosphere slides along its ray to the wall
     (bisection): the mesh is closed and its triangles are even by construction.
     """
+    import pyvista
+    import trimesh
+
     sphere = pyvista.Icosphere(radius=1.0, nsub=SUBDIVISIONS)
     directions = np.asarray(sphere.points, float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

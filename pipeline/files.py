@@ -1,11 +1,16 @@
 """Files that appear complete or not at all."""
 import contextlib
+import errno
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import UserError
+
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
+TEMPORARY = re.compile(r"\..+\.(\d+)(\.\w+)?")  # names of temporary files, with the number of their process
 
 
 @contextlib.contextmanager
@@ -19,8 +24,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        with _naming(path, temporary):
+            yield temporary
+            os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -37,19 +43,40 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
     try:
-        yield temporary
-        if path.exists():
-            # A folder cannot be replaced in one step: set the old one aside first, so that the gap stays a moment.
-            old = path.with_name(f".{path.name}.{os.getpid()}.old")
-            os.replace(path, old)
-            os.replace(temporary, path)
-            shutil.rmtree(old)
-        else:
-            os.replace(temporary, path)
+        with _naming(path, temporary):
+            temporary.mkdir()
+            yield temporary
+            if path.exists():
+                # A folder cannot be replaced in one step: set the old one aside first, so that the gap stays a moment.
+                old = path.with_name(f".{path.name}.{os.getpid()}.old")
+                os.replace(path, old)
+                os.replace(temporary, path)
+                shutil.rmtree(old)
+            else:
+                os.replace(temporary, path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _naming(path: Path, temporary: Path) -> Iterator[None]:
+    """Let errors of the disk name ``path``: users do not know the temporary one, and a full disk names no file."""
+    try:
+        yield
+    except OSError as error:
+        name = error.filename
+        if os.fspath(name).startswith(str(temporary)) if name else error.errno in DISK_ERRORS:
+            error.filename = str(path)
+        raise
+
+
+def remove_left_over(folder: str | Path) -> None:
+    """Remove what killed processes left half written anywhere below ``folder``; that of living ones stays."""
+    for path in list(Path(folder).rglob(".*")):
+        match = TEMPORARY.fullmatch(path.name)
+        if match and not Path(f"/proc/{match[1]}").exists():
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -106,22 +106,13 @@ def write_frame(path: str | os.PathLike, frame: FrameData) -> None:
 
     Arrays keep the precision they have. The file appears by rename.
     """
-    import vtk
+    from pipeline.vtk_files import write_vtk
 
     path = Path(path)
     if path.suffix not in FRAME_SUFFIXES:
         raise ValueError(f"{path}: a frame is written as {' or '.join(FRAME_SUFFIXES)}")
-    writer = vtk.vtkXMLUnstructuredGridWriter() if path.suffix == ".vtu" else vtk.vtkXMLPolyDataWriter()
-    writer.SetInputData(_to_vtk(frame, unstructured=path.suffix == ".vtu"))
-    writer.SetDataModeToAppended()
-    writer.EncodeAppendedDataOff()
-    writer.SetCompressorTypeToNone()
     with replacing(path) as partial:
-        writer.SetFileName(str(partial))
-        with _silent_vtk():
-            written = writer.Write()
-        if not written or not partial.exists():
-            raise OSError(f"{path}: could not be written: disk full or folder not writable")
+        write_vtk(_to_vtk(frame, unstructured=path.suffix == ".vtu"), partial, compress=False)
 
 
 @contextlib.contextmanager
@@ -289,7 +280,7 @@ def main(arguments: list[str] | None = None) -> None:
     pvd.add_argument("folders", nargs="+", type=Path, metavar="FRAMES_DIR", help="folders of frames, one per segment")
     pvd.add_argument("--output", required=True, type=Path, metavar="FILE.pvd", help="the index to write")
     show = commands.add_parser("show", help="print what a frame holds")
-    show.add_argument("frame", type=Path, metavar="FRAME.vtu")
+    show.add_argument("frame", type=Path, metavar="FRAME.vtu", help="file of the frame")
     options = parser.parse_args(arguments)
     if options.command == "show":
         _show(read_frame(options.frame))

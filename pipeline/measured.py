@@ -1,13 +1,10 @@
 """One frame together with its scene and cavity, as the metrics look at it."""
 import dataclasses
 import functools
-import zipfile
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.coverage import WallContact
-from pipeline.errors import UserError
 from pipeline.frames import FrameData
 from pipeline.scene_model import Scene
 from pipeline.signed_distance import SignedDistance
@@ -64,19 +61,3 @@ class Measured:
     def statistic(self, name: str) -> float:
         """Return a number that the solver saved with the frame; NaN if there is none, as in a frame at the start."""
         return self.frame.statistics.get(name, np.nan)
-
-
-def load_initial(path: Path) -> dict[str, np.ndarray]:
-    """Read ``initial.npz``.
-
-    Raises
-    ------
-    UserError : the file is missing or damaged.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return dict(arrays)
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; run the voxelize stage first") from None
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise UserError(f"{path}: is damaged ({error}); run the voxelize stage again") from error

@@ -12,9 +12,9 @@ import pyvista
 import trimesh
 
 from pipeline.errors import UserError
+from pipeline.scene_model import MESH_UNITS
 from pipeline.signed_distance import grid_nodes, inner_nodes
 
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 TRIMESH_FORMATS = (".stl", ".obj", ".ply")
 VTK_FORMATS = (".vtk", ".vtp", ".vtu")
 MESHIO_FORMATS = (".msh",)
@@ -68,7 +68,7 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
                         "numbers, export the surface again")
     if not force:
         check_unit(path, np.ptp(vertices[np.unique(faces)], axis=0), unit)
-    mesh = trimesh.Trimesh(UNITS[unit] * vertices, faces, process=False)
+    mesh = trimesh.Trimesh(MESH_UNITS[unit] * vertices, faces, process=False)
     mesh, repairs = repair(mesh, str(path))
     if not force and not SMALLEST_VOLUME <= mesh.volume <= LARGEST_VOLUME:
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
@@ -129,13 +129,13 @@ def _silent_readers() -> Iterator[None]:
 def check_unit(path: str | Path, extents: np.ndarray, unit: str) -> None:
     """Refuse outer dimensions (3,), in ``unit``, that no eye has, and name the unit that would fit."""
     def fits(candidate):
-        size = UNITS[candidate] * extents
+        size = MESH_UNITS[candidate] * extents
         return size.min() >= SMALLEST_DEPTH and SMALLEST_SIZE <= size.max() <= LARGEST_SIZE
 
     if fits(unit):
         return
-    size = " x ".join(f"{1e3 * UNITS[unit] * extent:.4g}" for extent in extents)
-    likely = [candidate for candidate in UNITS if fits(candidate)]
+    size = " x ".join(f"{1e3 * MESH_UNITS[unit] * extent:.4g}" for extent in extents)
+    likely = [candidate for candidate in MESH_UNITS if fits(candidate)]
     advice = f"the file is probably in {likely[0]}: set eye.unit: {likely[0]}" if likely else \
         "no unit makes it the size of an eye (eye.force: true accepts any size)"
     raise UserError(f"{path} (eye.unit: {unit}): the surface measures {size} mm, but an eye's cavity is 15 to 40 mm "

@@ -34,7 +34,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     UserError : the file is missing or no such table.
     """
     if not path.is_file():
-        raise UserError(f"{path}: no such table of metrics; run `python -m pipeline.metrics measure` first")
+        raise UserError(f"{path}: no such table of metrics; run the metrics stage first")
     header, *rows = path.read_text().splitlines() or [""]
     columns = header.split(",")
     try:

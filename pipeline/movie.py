@@ -1,6 +1,13 @@
 """Stage: pictures -> one movie (H.264, plays everywhere)."""
 import argparse
+import contextlib
+import errno
+import os
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from PIL import Image
 
 from pipeline.cli import run
 from pipeline.errors import UserError
@@ -30,32 +37,63 @@ def write_movie(images: list[Path], output: Path, fps: float) -> None:
     ------
     UserError : a picture cannot be read or differs in size from the first.
     """
-    import imageio_ffmpeg
-    import numpy as np
-    from PIL import Image, UnidentifiedImageError
+    width, height = size = read_picture(images[0]).size
+    with replacing(output) as temporary, encoder(temporary, (width - width % 2, height - height % 2), fps) as send, \
+            progress(len(images), "movie") as bar:
+        for path in images:
+            picture = read_picture(path)
+            if picture.size != size:
+                raise UserError(f"{path}: is {picture.width} x {picture.height} pixels, "
+                                f"but the first picture is {width} x {height}; run the render stage again")
+            # yuv420p halves the color planes
+            send(picture.crop((0, 0, width - width % 2, height - height % 2)).tobytes())
+            bar.update()
 
-    with Image.open(images[0]) as first:
-        size = first.size
-    even = tuple(length - length % 2 for length in size)       # yuv420p halves the color planes
-    with replacing(output) as temporary, progress(len(images), "movie") as bar:
-        writer = imageio_ffmpeg.write_frames(
-            str(temporary), even, fps=fps, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=1,
-            quality=None, output_params=["-crf", str(QUALITY), "-movflags", "+faststart"], ffmpeg_log_level="error")
-        writer.send(None)
+
+def read_picture(path: Path) -> Image.Image:
+    """Read a picture in RGB.
+
+    Raises
+    ------
+    UserError : it is none.
+    """
+    try:
+        with Image.open(path) as image:
+            return image.convert("RGB")
+    except OSError as error:        # PIL.UnidentifiedImageError is one
+        raise UserError(f"{path}: is no picture ({error}); run the render stage again") from error
+
+
+@contextlib.contextmanager
+def encoder(path: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[bytes], object]]:
+    """Run ffmpeg and yield a function that takes the bytes of one RGB picture after the other.
+
+    Raises
+    ------
+    OSError : ffmpeg could not write or encode the movie.
+    """
+    import imageio_ffmpeg
+
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
+               "-s", f"{size[0]}x{size[1]}", "-r", str(fps), "-i", "-", "-an", "-c:v", "libx264",
+               "-pix_fmt", "yuv420p", "-crf", str(QUALITY), "-movflags", "+faststart", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as ffmpeg:
         try:
-            for path in images:
-                try:
-                    with Image.open(path) as image:
-                        pixels = np.ascontiguousarray(image.convert("RGB"))
-                except (UnidentifiedImageError, OSError) as error:
-                    raise UserError(f"{path}: is no picture ({error}); run the render stage again") from error
-                if pixels.shape[1::-1] != size:
-                    raise UserError(f"{path}: is {pixels.shape[1]} x {pixels.shape[0]} pixels, "
-                                    f"but the first picture is {size[0]} x {size[1]}; run the render stage again")
-                writer.send(np.ascontiguousarray(pixels[:even[1], :even[0]]))
-                bar.update()
+            yield ffmpeg.stdin.write
+            complaints = ffmpeg.communicate()[1].decode(errors="replace")
+        except BrokenPipeError:     # it has ended; why is the next question
+            complaints = ffmpeg.stderr.read().decode(errors="replace")
+        except BaseException:
+            ffmpeg.kill()
+            raise
         finally:
-            writer.close()
+            with contextlib.suppress(BrokenPipeError):
+                ffmpeg.stdin.close()
+    if ffmpeg.returncode:
+        if os.strerror(errno.ENOSPC) in complaints:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        first = (complaints.strip().splitlines() or [f"exit code {ffmpeg.returncode}"])[0]
+        raise OSError(f"{path}: ffmpeg could not encode the movie ({first})")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,37 +1,18 @@
 """Stage: frames of particles -> one closed surface mesh per liquid and frame, and a section for the pictures."""
 import argparse
 import json
-import zipfile
 from pathlib import Path
-
-import numpy as np
 
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
 from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.initial import load_initial
 from pipeline.liquid_surface import DROPLET_PARTICLES, LiquidSurface, Reconstructor
 from pipeline.progress import progress
 from pipeline.surface_files import surface_path, write_copy, write_section, write_surface
 
 LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
-
-
-def load_initial(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of ``initial.npz`` that the pictures and surfaces need.
-
-    Raises
-    ------
-    UserError : the file is missing, damaged, or of another kind.
-    """
-    names = ("sdf_values", "sdf_origin", "sdf_cell", "particle_spacing", "cavity_volume")
-    if not Path(path).is_file():
-        raise UserError(f"{path}: no such file; run the voxelize stage first")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in names}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
-        raise UserError(f"{path}: is damaged or not written by the voxelize stage ({error}); run it again") from error
 
 
 def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *, mixed: bool) -> None:

@@ -105,7 +105,9 @@ class _Resolver:
     def _read_parts(self, name: str, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
         """Return the fields of the scene without those that have errors."""
         liquids = data.get("liquids")
-        reader = Reader(errors, liquids if isinstance(liquids, dict) else ())
+        # With an unknown liquid the references to the right name would look wrong too.
+        known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
+        reader = Reader(errors, liquids if known else ())
         reader.refuse_unknown(data, SCENE_KEYS, ())
         parts = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:

@@ -11,6 +11,9 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 
+import numpy as np
+
+from pipeline.eye_shape import eye_shape
 from pipeline.scene_model import Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
 from sim.effects import REGISTRY
@@ -23,6 +26,7 @@ CONFLICTS = (
     ("viscosity", "viscosity_implicit", "both apply the shear stress"),
     ("interface_tension", "cohesion", "both pull the interface together"),
     ("interface_tension", "curvature", "both pull the interface together"),
+    ("injection", "diffusion", "the injection knows no mixtures, so let another scene start from the end of it"),
 )
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
 MOST_FRAMES = 100_000
@@ -124,6 +128,22 @@ def _injection_exchanges(effects: dict) -> Found:
 
 
 @_check
+def _injection_is_in_the_eye(effects: dict, eye: Eye, dimension: int) -> Found:
+    # The voxelize stage asks again, for a user's mesh too; here nothing is made, so nothing can be lost.
+    injection = effects.get("injection")
+    if not injection or eye.model != "parametric" or dimension != 3:
+        return
+    shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
+                      vertical_diameter=eye.vertical_diameter)
+    for key in ("cannula", "drain"):
+        point = np.array(getattr(injection, key))
+        if shape.level(point) >= 0.0:
+            place = ", ".join(f"{1e3 * value:g}" for value in point)
+            yield (("effects", "injection", key), f"is ({place}) mm, outside the eye, but must lie inside its cavity "
+                                                  "(origin = center of the globe, z forward)")
+
+
+@_check
 def _injection_starts_in_time(effects: dict, output: Output) -> Found:
     injection = effects.get("injection")
     if injection and injection.start >= output.duration:
@@ -198,7 +218,7 @@ def _frames_end_with_the_scene(output: Output) -> Found:
     if round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
-    elif count > MOST_FRAMES:
+    elif count >= MOST_FRAMES:
         yield ("output", "frame_interval"), f"gives {count:.0f} frames, but at most {MOST_FRAMES} can be saved"
 
 

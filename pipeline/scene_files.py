@@ -5,7 +5,7 @@ from typing import Any
 import yaml
 
 from pipeline.errors import UserError
-from pipeline.scene_reader import Errors, Key, nearest
+from pipeline.scene_reader import Errors, Key, describe, nearest
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -20,10 +20,10 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen = set()
         for key, _ in node.value:
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(problem=f"{key.value} is given twice", problem_mark=key.start_mark)
             if not isinstance(key, yaml.ScalarNode):
                 raise yaml.MarkedYAMLError(problem="a key must be a word", problem_mark=key.start_mark)
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(problem=f"{key.value} is given twice", problem_mark=key.start_mark)
             seen.add(key.value)
         return {str(key.value): self.construct_object(value, deep=True) for key, value in node.value}
 
@@ -49,7 +49,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except (RecursionError, ValueError) as error:  # endless nesting; a date such as 2024-13-45
         raise UserError(f"{path}: not valid YAML ({error})") from None
     if not isinstance(data, dict):
-        raise UserError(f"{path}: {'is empty' if data is None else 'holds no'}, but must be `name: value` lines")
+        raise UserError(f"{path}: is {describe(data)}, but must hold `name: value` lines")
     return data
 
 

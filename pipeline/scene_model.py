@@ -8,7 +8,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid, Numerics, Settings
 
 LENSES = ("phakic", "pseudophakic", "aphakic")
-MESH_UNITS = ("m", "cm", "mm", "um")
+MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +43,6 @@ class Initial:
     liquid: str | None = parameter(None, liquid=True, meaning="liquid that fills the cavity, else the first liquid")
     fill: dict[str, float] | None = parameter(None, liquid=True, exclusive_minimum=0.0, maximum=1.0,
                                               meaning="fraction of the cavity that each liquid holds")
-    orientation: str = parameter("level", choices=("level",), meaning="how the liquids of `fill` are stacked")
 
 
 @dataclasses.dataclass(frozen=True)

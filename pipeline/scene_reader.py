@@ -198,7 +198,7 @@ def dotted(key: Key) -> str:
 
 
 def nearest(word: Any, names: Iterable[str]) -> str:
-    """Return ", did you mean <name>?" for the name that is most like ``word``, or nothing."""
+    """Return " (did you mean <name>?)" for the name that is most like ``word``, or nothing."""
     word = str(word).lower()
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.

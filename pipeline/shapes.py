@@ -3,8 +3,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.initial import initial_arrays
 from pipeline.lattice import deepest_points
-from pipeline.signed_distance import SignedDistance, distance_of_function
+from pipeline.signed_distance import distance_of_function
 from pipeline.wall_layers import wall_layers as layers_on_surface
 
 
@@ -37,18 +38,6 @@ def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: flo
     if kind == "box":
         return _box_arrays(np.asarray(size, float), particle_spacing, dimension, wall_layers)
     raise ValueError(f'kind is "{kind}", but must be "circle", "sphere" or "box"')
-
-
-def initial_arrays(fluid_position: np.ndarray, walls: dict[str, np.ndarray], distance: SignedDistance,
-                   cavity_volume: float, particle_spacing: float) -> dict[str, np.ndarray]:
-    """Arrays of ``initial.npz``; the liquid particles share the volume of the cavity exactly."""
-    count, dimension = fluid_position.shape
-    return {
-        "fluid_position": fluid_position, "fluid_volume": np.full(count, cavity_volume / count), **walls,
-        "sdf_values": distance.values, "sdf_origin": distance.origin, "sdf_cell": np.float64(distance.cell),
-        "cavity_volume": np.float64(cavity_volume), "particle_spacing": np.float64(particle_spacing),
-        "dimension": np.int64(dimension),
-    }
 
 
 def _round_arrays(radius: float, spacing: float, dimension: int, layers: int) -> dict[str, np.ndarray]:

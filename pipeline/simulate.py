@@ -8,6 +8,7 @@ from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
 from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
+from pipeline.initial import load_initial
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 
@@ -130,6 +131,21 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
             write_frame(frame_path(folder, index), frame_of(scene, solver, average.take()))
 
 
+def restore(solver, state: dict, path: Path) -> None:
+    """Take up the state of a checkpoint.
+
+    Raises
+    ------
+    UserError
+        When the file holds no state of such a solver.
+    """
+    try:
+        solver.restore(state)
+    except (KeyError, ValueError, OverflowError) as error:
+        raise UserError(f"{path}: is no checkpoint that this scene can start from ({error}); it must have the same "
+                        "eye, particle spacing and liquids") from error
+
+
 def print_timings(solver) -> None:
     """One line per part of the solver: seconds and share."""
     total = sum(solver.seconds.values()) or 1.0
@@ -160,14 +176,17 @@ def main() -> None:
         raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {last}")
     if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
         raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
-    initial = load_checkpoint(arguments.initial)
+    initial = load_initial(arguments.initial)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, scene.numerics.threads if arguments.threads is None else arguments.threads)
-    solver = build_solver(scene, initial)
+    try:
+        solver = build_solver(scene, initial)
+    except OverflowError as error:
+        raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again") from error
     if state:
-        solver.restore(state)
+        restore(solver, state, arguments.restart)
         if arguments.segment == 0:  # the end of another scene is the start of this one
             solver.time, solver.step_count = 0.0, 0
     with replacing_folder(arguments.frames) as folder:

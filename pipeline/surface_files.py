@@ -34,10 +34,12 @@ def write_surface(path: Path, mesh: TriangleMesh, *, time: float, liquid: str, d
 
 def write_copy(path: Path, mesh: TriangleMesh) -> None:
     """Write the surface once more as ``.ply`` or ``.stl``, by suffix; an empty surface gives an empty file."""
-    if len(mesh.triangles):
-        to_polydata(mesh).save(path)
-    else:
-        Path(path).write_bytes(EMPTY[Path(path).suffix])    # VTK refuses to write nothing
+    import trimesh
+
+    suffix = Path(path).suffix
+    # Written by Python: VTK leaves a part of a file, without an error, on a full disk. Trimesh exports no empty mesh.
+    whole = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    Path(path).write_bytes(whole.export(file_type=suffix[1:]) if len(mesh.triangles) else EMPTY[suffix])
 
 
 def to_polydata(mesh: TriangleMesh):

@@ -12,16 +12,14 @@ from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.eye import read_mesh
 from pipeline.files import replacing, write_text
+from pipeline.initial import initial_arrays
 from pipeline.lattice import deepest_points
 from pipeline.scene import load_resolved
 from pipeline.scene_model import Scene
-from pipeline.shapes import initial_arrays, shape_arrays
 from pipeline.signed_distance import SignedDistance, distance_of_mesh, distance_to_triangles
 from pipeline.wall_layers import wall_layers
 from sim.packing import pack
 from sim.runtime import initialize
-
-__all__ = ["shape_arrays", "voxelize"]
 
 FEWEST_PARTICLES = 200      # below, the cavity is 7 particles wide and a third of them touch the wall
 PACKING_ITERATIONS = 80     # the compression rate has evened out; more lets single particles creep into the wall
@@ -60,8 +58,12 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     walls = wall_layers(distance, spacing, numerics.wall_layers)
     fluid = deepest_points(distance, *mesh.bounds, count, spacing)
     initialize(numerics.precision, numerics.threads)
-    fluid, compression = pack(fluid, np.full(count, volume / count), walls["wall_position"], walls["wall_volume"],
-                              spacing, numerics.support_ratio, PACKING_ITERATIONS)
+    try:
+        fluid, compression = pack(fluid, np.full(count, volume / count), walls["wall_position"], walls["wall_volume"],
+                                  spacing, numerics.support_ratio, PACKING_ITERATIONS)
+    except OverflowError as error:
+        raise UserError(f"{source}: numerics.particle_spacing: {1e3 * spacing:g} mm is too coarse to pack the cavity "
+                        f"({error})") from error
     stray = distance.sample(fluid) > -SHALLOWEST * spacing
     fluid[stray] = distance.project(fluid[stray], -SHALLOWEST * spacing)
     arrays = initial_arrays(fluid, walls, distance, volume, spacing)

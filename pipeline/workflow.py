@@ -4,13 +4,15 @@ import functools
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
 
+from pipeline.cli import describe
 from pipeline.digest import stage_digest
 from pipeline.errors import UserError
-from pipeline.files import write_text
+from pipeline.files import remove_left_over, write_text
 from pipeline.scene import load_scene
 from pipeline.scene_model import Scene
 
@@ -53,6 +55,8 @@ class Workflow:
                 self._scenes[name] = load_scene(SCENES / f"{name}.yaml", self.accuracy)
             except UserError as error:
                 stop(*error.messages)
+            except OSError as error:
+                stop(describe(error))
         return self._scenes[name]
 
     def segments(self, name: str) -> list[str]:
@@ -99,7 +103,17 @@ class Workflow:
                 path = OUTPUTS / name / "scene.json"
                 if path.is_file():
                     write_text(path, scene.to_json())
+                remove_left_over(path.parent)
+            self._begin = time.time()
         except BlockingIOError:
             stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
         except OSError as error:
-            stop(f"{OUTPUTS}: the folder of outputs cannot be written ({error.strerror})")
+            stop(f"{OUTPUTS}: the folder of outputs cannot be written ({describe(error)})")
+
+    def repeat_errors(self) -> None:
+        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
+        for log in sorted(OUTPUTS.glob("*/logs/*.log")):
+            if log.stat().st_mtime >= self._begin:
+                for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+                    if line.startswith("error: "):
+                        print(line, file=sys.stderr)

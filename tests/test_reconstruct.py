@@ -14,6 +14,7 @@ from pipeline.contour import contour
 from pipeline.errors import UserError
 from pipeline.fraction_field import taubin_filter
 from pipeline.frames import frame_path, write_frame
+from pipeline.initial import NAMES
 from pipeline.liquid_surface import Reconstructor
 from pipeline.scene import load_scene
 
@@ -182,7 +183,7 @@ def scene_files(folder, **output):
     scene = load_scene("config/scenes/tiny.yaml", accuracy="draft")
     scene = dataclasses.replace(scene, output=dataclasses.replace(scene.output, **output))
     (folder / "scene.json").write_text(scene.to_json())
-    np.savez(folder / "initial.npz", **ball())
+    np.savez(folder / "initial.npz", **dict.fromkeys(NAMES, 0) | ball())
     for index, fraction in enumerate((np.zeros(len(POSITION)), oil_fraction(POSITION))):
         write_frame(frame_path(folder / "frames", index), frame_of(POSITION, fraction, time=0.1 * index))
     return [str(folder / name) for name in ("scene.json", "initial.npz", "frames")]

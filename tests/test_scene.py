@@ -64,7 +64,7 @@ def test_tamponade_is_in_si_and_complete():
     assert scene.effects["injection"].flow == 1.5e-6
     assert scene.effects["injection"].cannula == (-5e-3, 5e-3, 3e-3)
     assert scene.effects["interface_tension"].contact_angle == 18.2
-    assert scene.effects["gravity"].turns[0].start == 3.5
+    assert scene.effects["gravity"].turns[0].start == 3.0
     settings = scene.settings()
     assert settings.dimension == 3 and settings.numerics is scene.numerics
     assert settings.effects == tuple(scene.effects.values())
@@ -213,8 +213,12 @@ BAD = {
                  "drain is missing (mouth of the drain): the closed cavity is full and liquids are incompressible"),
     "no drained liquid": ("effects: {injection: {drained_liquid: null}}", "as much must leave as enters"),
     "same liquid in and out": ("effects: {injection: {drained_liquid: silicone_oil_1000}}", "the liquid that enters"),
+    "cannula outside": ("effects: {injection: {cannula: [-15 mm, 5 mm, 3 mm]}}",
+                        "effects.injection.cannula is (-15, 5, 3) mm, outside the eye"),
+    "drain in the lens": ("effects: {injection: {drain: [0, 0, 6 mm]}}", "drain is (0, 0, 6) mm, outside the eye"),
+    "injection into a mixture": ("effects: {diffusion: {coefficient: 1e-6}}", "diffusion cannot be used together with"),
     "drain at cannula": ("effects: {injection: {drain: [-5 mm, 5 mm, 3 mm]}}", "away from it"),
-    "late injection": ("effects: {injection: {start: 9 s}}", "start is 9 s, but the scene ends at 5.5 s"),
+    "late injection": ("effects: {injection: {start: 9 s}}", "start is 9 s, but the scene ends at 4.5 s"),
     "nothing to inject": ("initial: {liquid: silicone_oil_1000}", "fill is 85 %, but silicone_oil_1000 holds 100 %"),
     "two viscosities": ("effects: {viscosity: {}}", "viscosity_implicit cannot be used together with viscosity"),
     "tension and cohesion": ("effects: {cohesion: {gamma: 1}}", "cohesion cannot be used together with interface_"),
@@ -239,7 +243,7 @@ BAD = {
     "time steps": ("numerics: {maximum_time_step: 1e-8}", "must be below maximum_time_step"),
     "unknown start": ("start_from: tamponad", 'start_from is "tamponad", but must be the name of a scene'),
     "start from itself": ("start_from: case", "start_from leads back to the same scene (case -> case)"),
-    "start with other spacing": ("start_from: tiny", "particle_spacing is 0.8 mm, but must be 2 mm as in tiny"),
+    "start with other spacing": ("start_from: tiny", "particle_spacing is 1 mm, but must be 2 mm as in tiny"),
     "start with other liquids": ("start_from: s1_tamponade_gamma0", "but must be s1_water, s1_silicone_oil as in"),
     "start with a broken spacing": ("start_from: tamponade\nnumerics: {particle_spacing: x}\neye: {lens: x, path: 3}",
                                     "numerics.particle_spacing is"),
@@ -265,8 +269,9 @@ BROKEN = {
                   "line 4, column 3: gravity is given twice"),
     "alias": ("title: &a x\nlabel: *a", "line 2, column 8: aliases (*name) are not supported"),
     "tag": ("title: !!python/object/apply:os.getcwd []", "line 1, column 8"),
-    "empty": ("", "is empty"),
-    "list": ("- tamponade", "`name: value` lines"),
+    "list as a key": ("? [a, b]\n: 3", "line 1, column 3: a key must be a word"),
+    "empty": ("", "is empty, but must hold `name: value` lines"),
+    "list": ("- tamponade", "is a list, but must hold `name: value` lines"),
     "control character": ("title: \x07", "UTF-8"),
     "deep": ("[" * 5000, "not valid YAML"),
     "unknown parent": ("extends: tamponnade", 'extends is "tamponnade", but must be the name of a scene in this folder '
@@ -290,6 +295,11 @@ def test_file_that_is_not_utf8(write):
     assert "UTF-8" in errors_of(path)[0]
 
 
+def test_one_unknown_liquid_gives_one_error(write):
+    messages = errors_of(write("extends: tamponade\nliquids: [aqueos, silicone_oil_1000]"))
+    assert len(messages) == 1 and "did you mean aqueous?" in messages[0]
+
+
 def test_missing_file_names_the_nearest(config):
     assert "no such file (did you mean tamponade.yaml?)" in errors_of(config / "scenes" / "tamponad.yaml")[0]
 
@@ -303,7 +313,7 @@ def test_cycle_over_several_scenes(write):
 
 def test_effect_without_the_one_it_requires(write, monkeypatch):
     monkeypatch.setattr(REGISTRY["diffusion"], "requires", ("cohesion",))
-    messages = errors_of(write("extends: tamponade\neffects: {diffusion: {coefficient: 1e-6}}"))
+    messages = errors_of(write("extends: tamponade\neffects: {injection: null, diffusion: {coefficient: 1e-6}}"))
     assert messages[0].endswith("effects.diffusion needs the effect cohesion too; add cohesion or remove diffusion")
 
 

@@ -14,8 +14,9 @@ from pipeline.errors import UserError
 from pipeline.eye import cavity_mesh, write_mesh
 from pipeline.eye_shape import eye_mesh, eye_shape
 from pipeline.scene import load_scene
+from pipeline.shapes import shape_arrays
 from pipeline.signed_distance import SignedDistance, distance_of_mesh
-from pipeline.voxelize import nearest_distances, shape_arrays, voxelize
+from pipeline.voxelize import nearest_distances, voxelize
 
 TAMPONADE = ROOT / "config" / "scenes" / "tamponade.yaml"
 RADIUS = 11e-3
