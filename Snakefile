@@ -31,7 +31,7 @@ IMAGES = "outputs/{scene}/images/segment_{segment}"
 
 wildcard_constraints:
     scene=r"[A-Za-z0-9_-]+",
-    segment=r"\d{3,}",
+    segment=r"\d\d\d+",
 
 
 onstart:
