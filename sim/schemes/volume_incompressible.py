@@ -15,6 +15,7 @@ CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered 
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
 SHIFT_WEIGHT = 0.4  # shift along -S_i, in dx^2; it replaces a background pressure, which would heat the liquid
+SHIFT_THRESHOLD = 0.01  # |S_i| dx of an even packing; a smaller one is left alone, so that a liquid at rest stays so
 
 
 @ti.data_oriented
@@ -137,11 +138,6 @@ class VolumeIncompressible:
         for i in range(self.count[None]):
             self.pressure[i] -= self.mean_pressure[None]
 
-    @ti.kernel
-    def _add(self, values: ti.template(), shift: float):
-        for i in range(self.count[None]):
-            values[i] += shift
-
     def project(self, dt: float, largest_speed: float) -> dict[str, float]:
         """Make the velocity free of divergence; return the solve's statistics."""
         self._wall_hydrostatics(dt)
@@ -171,7 +167,10 @@ class VolumeIncompressible:
         for b in range(self.walls.count):
             self.pressure_solver.wall_value[b] = self.pressure_solver.extrapolated(self.correction, b)
         for i in range(self.count[None]):
-            shift = self.pressure_solver.pressure_force(self.correction, i)
+            gradient = self.gradient_sum[i]
+            uneven = ti.max(1.0 - SHIFT_THRESHOLD / (self.spacing * gradient.norm() + 1e-12), 0.0)
+            shift = (self.pressure_solver.pressure_force(self.correction, i)
+                     - SHIFT_WEIGHT * uneven * self.spacing**2 * gradient)
             length = shift.norm()
             x = self.position[i] + dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
             overlap = self.solver.distance.value(x) + WALL_CLEARANCE * self.spacing
@@ -187,5 +186,4 @@ class VolumeIncompressible:
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
-        self._add(self.correction, 0.5 * SHIFT_WEIGHT * self.spacing**2)
         self._move(dt)
