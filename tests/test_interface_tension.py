@@ -1,0 +1,88 @@
+"""Interface tension: pressure jump of drops, currents that die away, and the contact angle at the wall."""
+import cavities
+import numpy as np
+import pytest
+
+from sim.settings import Liquid
+
+pytestmark = pytest.mark.usefixtures("taichi")
+SPACING = cavities.SPACING
+TENSION = 0.04
+# Equal liquids of a hundred times the viscosity of water: what moves does so by tension alone and comes to rest.
+LIQUIDS = (Liquid("aqueous", 1000.0, 0.1), Liquid("oil", 1000.0, 0.1))
+CIRCLE_DROP, SPHERE_DROP = 6.0 * SPACING, 4.5 * SPACING
+BOX = (16.0 * SPACING, 10.0 * SPACING)
+
+
+def with_tension(arrays, contact_angle, phase):
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=contact_angle),
+               cavities.parameters("viscosity_implicit"))
+    return cavities.build(arrays, effects=effects, liquids=LIQUIDS, phase=phase, pressure_tolerance=1e-4)
+
+
+def pressure_jump(solver) -> float:
+    """Return the mean pressure inside the drop less that outside, well away from the interface."""
+    state = solver.snapshot()
+    inside = state["phase"] == 1
+    volume = state["volume"][inside].sum()
+    radius = (volume / (np.pi if solver.dimension == 2 else 4.0 / 3.0 * np.pi)) ** (1.0 / solver.dimension)
+    distance = np.linalg.norm(state["position"] - state["position"][inside].mean(axis=0), axis=1)
+    outside = distance > min(1.4 * radius, radius + 2.0 * SPACING)
+    return state["pressure"][distance < 0.6 * radius].mean() - state["pressure"][outside].mean(), radius
+
+
+@pytest.fixture(scope="module", params=[(2, 11.0, CIRCLE_DROP, 0.15), (3, 8.0, SPHERE_DROP, 0.05)],
+                ids=["2D", "3D"])
+def drop(request):
+    dimension, cavity, radius, until = request.param
+    solver = with_tension(cavities.cavity("circle", cavity * SPACING, dimension), 90.0,
+                          lambda x: np.linalg.norm(x, axis=1) < radius)
+    return solver, np.array(cavities.run(solver, until, cavities.root_mean_square_speed))
+
+
+def test_pressure_jump_of_a_drop(drop):
+    solver, _ = drop
+    jump, radius = pressure_jump(solver)
+    # Laplace (validation T3). The recipe measured 0.6 % at eight spacings per radius in 2D and 2.8 % at 6.6 in 3D; here
+    # there are six and four and a half, and what is left of the rough start adds half a percent.
+    expected = TENSION * (solver.dimension - 1) / radius
+    assert jump == pytest.approx(expected, rel={2: 0.03, 3: 0.05}[solver.dimension])
+
+
+def test_currents_around_a_drop_die_away(drop):
+    solver, speed = drop
+    capillary_number = LIQUIDS[0].dynamic_viscosity * speed / TENSION
+    # Ironing out the rough labels starts at some 5e-3; forms that do not balance stay there (validation T4).
+    # Measured at the end: 8e-4 in 2D and 1.2e-3 in 3D, after a third of the time, both falling.
+    assert capillary_number[-1] < {2: 1.2e-3, 3: 2e-3}[solver.dimension]
+    assert capillary_number[-1] < 0.45 * capillary_number.max()
+    assert speed[-5:].mean() < 0.95 * speed[-15:-10].mean()
+
+
+def test_drop_stays_round_and_where_it_is(drop):
+    solver, _ = drop
+    position, phase = cavities.read(solver, "position", "phase")
+    inside = position[phase == 1]
+    assert np.abs(inside.mean(axis=0)).max() < 0.1 * SPACING
+    spread = np.linalg.eigvalsh(np.cov(inside.T))
+    assert spread[-1] / spread[0] < 1.05
+
+
+def meniscus(contact_angle):
+    """Return how far the first liquid has risen at the side walls above the middle, from a flat start, in spacings."""
+    solver = with_tension(cavities.cavity("box", BOX), contact_angle, lambda x: x[:, 1] > 0.0)
+    cavities.run(solver, 0.1)
+    position, phase = cavities.read(solver, "position", "phase")
+    lower = position[phase == 0]
+    edge, middle = np.abs(lower[:, 0]) > 0.5 * BOX[0] - 2.0 * SPACING, np.abs(lower[:, 0]) < 3.0 * SPACING
+    return (lower[edge, 1].max() - lower[middle, 1].max()) / SPACING
+
+
+def test_flat_interface_at_ninety_degrees_stays_flat():
+    assert abs(meniscus(90.0)) < 0.2
+
+
+def test_liquid_of_sixty_degrees_climbs_the_wall():
+    """Young: the interface ends as an arc of radius W/(2 cos 60), whose rise is W/2 (1 - sin 60)/cos 60."""
+    final = 0.5 * BOX[0] / SPACING * (1.0 - np.sin(np.pi / 3.0)) / np.cos(np.pi / 3.0)
+    assert 0.35 * final < meniscus(60.0) < 1.1 * final
