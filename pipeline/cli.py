@@ -55,5 +55,9 @@ def _report(code: int, *messages: str) -> int:
 
 def describe(error: OSError) -> str:
     """Return an error of the operating system as a sentence: which file, and what is wrong with it."""
-    reason = _REASONS.get(error.errno) or error.strerror or str(error) or type(error).__name__
-    return f"{error.filename}: {reason}" if error.filename is not None else reason
+    return reason(error) if error.filename is None else f"{error.filename}: {reason(error)}"
+
+
+def reason(error: OSError) -> str:
+    """Return what is wrong, without the name of the file."""
+    return _REASONS.get(error.errno) or error.strerror or str(error) or type(error).__name__

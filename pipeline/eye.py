@@ -87,10 +87,10 @@ def main(arguments: list[str] | None = None) -> None:
         mesh, source = cavity_mesh(load_resolved(options.scene).eye)
     except MeshRefused as refused:
         raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
-    picture.unlink(missing_ok=True)
     report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
     write_mesh(mesh, options.output)
     write_text(options.report, json.dumps(report, indent=2) + "\n")
+    picture.unlink(missing_ok=True)
     for sentence in report.get("repairs", ()):
         print(f"repair: {sentence}")
     print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")

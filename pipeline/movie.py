@@ -38,15 +38,15 @@ def write_movie(images: list[Path], output: Path, fps: float) -> None:
     UserError : a picture cannot be read or differs in size from the first.
     """
     width, height = size = read_picture(images[0]).size
-    with replacing(output) as temporary, encoder(temporary, (width - width % 2, height - height % 2), fps) as send, \
+    even = (width - width % 2, height - height % 2)     # yuv420p halves the color planes
+    with replacing(output) as temporary, encoder(temporary, even, fps, output) as send, \
             progress(len(images), "movie") as bar:
         for path in images:
             picture = read_picture(path)
             if picture.size != size:
                 raise UserError(f"{path}: is {picture.width} x {picture.height} pixels, "
                                 f"but the first picture is {width} x {height}; run the render stage again")
-            # yuv420p halves the color planes
-            send(picture.crop((0, 0, width - width % 2, height - height % 2)).tobytes())
+            send(picture.crop((0, 0, *even)).tobytes())
             bar.update()
 
 
@@ -65,8 +65,14 @@ def read_picture(path: Path) -> Image.Image:
 
 
 @contextlib.contextmanager
-def encoder(path: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[bytes], object]]:
+def encoder(path: Path, size: tuple[int, int], fps: float, name: Path) -> Iterator[Callable[[bytes], object]]:
     """Run ffmpeg and yield a function that takes the bytes of one RGB picture after the other.
+
+    Parameters
+    ----------
+    path : file to write.
+    size : width and height in pixels, even numbers.
+    name : file that errors name.
 
     Raises
     ------
@@ -93,7 +99,7 @@ def encoder(path: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[
         if os.strerror(errno.ENOSPC) in complaints:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         first = (complaints.strip().splitlines() or [f"exit code {ffmpeg.returncode}"])[0]
-        raise OSError(f"{path}: ffmpeg could not encode the movie ({first})")
+        raise OSError(f"{name}: ffmpeg could not encode the movie ({first})")
 
 
 def main(arguments: list[str] | None = None) -> None:

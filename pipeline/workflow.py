@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
 
-from pipeline.cli import describe
+from pipeline.cli import describe, reason
 from pipeline.digest import stage_digest
 from pipeline.errors import UserError
 from pipeline.files import remove_left_over, write_text
@@ -29,6 +29,16 @@ def stop(*messages: str) -> NoReturn:
     sys.exit(2)
 
 
+def probe(folder: Path) -> None:
+    """Make a folder if it is missing; end Snakemake where nothing can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(4096))
+    except OSError as error:
+        stop(f"{folder}: this folder cannot be written ({reason(error)})")
+
+
 class Workflow:
     """The scenes of one call of Snakemake.
 
@@ -44,6 +54,7 @@ class Workflow:
         names = config.get("scenes")
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
+        probe(Path(".snakemake"))  # Snakemake's own notes: without them it ends with a traceback
         self.accuracy = config.get("accuracy")
         self.names = list(dict.fromkeys(names))
         self._scenes: dict[str, Scene] = {}
@@ -93,22 +104,20 @@ class Workflow:
         A rule cannot do the latter: Snakemake does not look for changed parameters downstream of a job that it runs.
         The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
         """
+        self._begin = time.time()
+        probe(OUTPUTS)
+        self._lock = os.open(OUTPUTS, os.O_RDONLY)
         try:
-            OUTPUTS.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(OUTPUTS, os.O_RDONLY)
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with tempfile.TemporaryFile(dir=OUTPUTS) as probe:
-                probe.write(bytes(4096))
-            for name, scene in self._scenes.items():
-                path = OUTPUTS / name / "scene.json"
-                if path.is_file():
-                    write_text(path, scene.to_json())
-                remove_left_over(path.parent)
-            self._begin = time.time()
         except BlockingIOError:
             stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
-        except OSError as error:
-            stop(f"{OUTPUTS}: the folder of outputs cannot be written ({describe(error)})")
+        for name, scene in self._scenes.items():
+            folder = OUTPUTS / name
+            if folder.is_dir():
+                probe(folder)
+                remove_left_over(folder)
+            if (folder / "scene.json").is_file():
+                write_text(folder / "scene.json", scene.to_json())
 
     def repeat_errors(self) -> None:
         """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""

@@ -78,7 +78,7 @@ def test_outputs_that_cannot_be_written_end_with_a_sentence(project):
     (project.folder / "outputs").write_text("a file")
     code, output = project.snakemake("outputs/tiny/scene.json")
     assert code == 2
-    assert "error: outputs: the folder of outputs cannot be written" in output and TRACE not in output
+    assert "error: outputs: this folder cannot be written" in output and TRACE not in output
 
 
 # Digests
