@@ -13,8 +13,9 @@ from sim.runtime import real
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
+GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
-SHIFT_WEIGHT = 0.4  # shift along -S_i, in dx^2; it replaces a background pressure, which would heat the liquid
+SHIFT_WEIGHT = 0.4  # shift along -S_i, in dx^2; a background pressure alone would have to be so large that it heats
 SHIFT_THRESHOLD = 0.01  # |S_i| dx of an even packing; a smaller one is left alone, so that a liquid at rest stays so
 
 
@@ -52,7 +53,8 @@ class VolumeIncompressible:
         self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
-        self.mean_pressure = ti.field(real(), shape=())
+        self.gauge = ti.field(real(), shape=())
+        self.least_density = min(liquid.density for liquid in solver.settings.liquids)
 
     @ti.kernel
     def _measure(self):
@@ -127,22 +129,30 @@ class VolumeIncompressible:
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
-    def _center(self):
-        """Remove the mean of the pressure: a background pressure p acts on a disordered set as a force -2 p S_i."""
+    def _set_gauge(self, limit: float):
+        """Add the constant, which is in the null space, that makes the smallest pressure zero, up to a limit.
+
+        A pressure p acts on an uneven set as a force -2 p S_i as well: below zero it draws particles together, far
+        above zero it heats the liquid.
+        """
         ti.loop_config(serialize=True)
         for _ in range(1):
             total = ti.cast(0.0, ti.f64)
+            least = 1e30
             for i in range(self.count[None]):
                 total += self.pressure[i]
-            self.mean_pressure[None] = total / self.count[None]
+                if self.volume[i] > 0.5 * self.solver.rest_volume:  # small particles are outliers
+                    least = ti.min(least, self.pressure[i])
+            mean = total / self.count[None]
+            self.gauge[None] = ti.min(mean - least, limit) - mean
         for i in range(self.count[None]):
-            self.pressure[i] -= self.mean_pressure[None]
+            self.pressure[i] += self.gauge[None]
 
     def project(self, dt: float, largest_speed: float) -> dict[str, float]:
         """Make the velocity free of divergence; return the solve's statistics."""
         self._wall_hydrostatics(dt)
         self._set_velocity_right_side(dt)
-        self._center()
+        self._set_gauge(GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2)
         tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
         iterations, mean, largest = self.pressure_solver.solve(
             self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
