@@ -90,6 +90,8 @@ def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
     if len(liquids) == 1:
         for name in effects.keys() & set(NEED_TWO_LIQUIDS):
             yield ("effects", name), "needs two liquids at least, but the scene has one"
+    if len(liquids) > 2 and "interface_tension" in effects:
+        yield ("effects", "interface_tension"), f"knows one interface, but the scene has {len(liquids)} liquids"
 
 
 @_check

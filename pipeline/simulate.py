@@ -127,6 +127,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
                                 "or numerics.maximum_time_step"
                                 ) from error
             if index == 0:
+                solver.prepare_output()
                 bar.update(1)
             write_frame(frame_path(folder, index), frame_of(scene, solver, average.take()))
 

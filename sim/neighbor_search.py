@@ -42,7 +42,7 @@ class NeighborSearch:
     Parameters
     ----------
     particles : store with carried fields `position` and `volume`.
-    walls : wall particles, in the order that `sort_walls` returned.
+    wall_arrays : position (m, dimension), volume (m,) and depth (m,) of the wall particles, any order.
     kernel : smoothing kernel.
     lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
     particle_spacing : m; crowding : particles per rest volume that must fit; both set the width of the rows.

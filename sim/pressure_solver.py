@@ -48,7 +48,7 @@ class PressureSolver:
             self.wall_weight[b] = total
 
     @ti.func
-    def _over_weight(self, b, value):
+    def over_wall_weight(self, b, value):
         return ti.select(self.wall_weight[b] > 0.0, value / ti.max(self.wall_weight[b], 1e-20), 0.0)
 
     @ti.func
@@ -57,7 +57,7 @@ class PressureSolver:
         total = 0.0
         for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
             total += self.wall_rows.weight[k] * p[self.wall_rows.index[k]]
-        return self._over_weight(b, total)
+        return self.over_wall_weight(b, total)
 
     @ti.func
     def pressure_force(self, p: ti.template(), i):
@@ -75,7 +75,7 @@ class PressureSolver:
         total = 0.0
         for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
             total -= v[self.wall_rows.index[k]].dot(self.wall_rows.gradient[k])
-        return self._over_weight(b, total)
+        return self.over_wall_weight(b, total)
 
     @ti.func
     def fold(self, i):

@@ -1,4 +1,5 @@
 """Start of Taichi, once per process."""
+import contextlib
 import os
 
 import numpy as np
@@ -25,10 +26,11 @@ def initialize(precision: str = "f32", threads: int = 0) -> None:
         if _started != wanted:
             raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")
         return
-    ti.init(
-        arch=ti.cpu, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
-        cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR,
-    )
+    with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
+        ti.init(
+            arch=ti.cpu, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
+            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR,
+        )
     _started.update(wanted)
 
 

@@ -36,7 +36,7 @@ class Numerics:
                                          meaning="the run stops with a diagnosis below this time step")
     wall_layers: int = parameter(3, minimum=2, maximum=4, meaning="layers of wall particles")
     threads: int = parameter(0, minimum=0, maximum=256, meaning="threads of the solver; 0 uses every core")
-    seed: int = parameter(0, minimum=0, meaning="seed of every random choice (seed points of the injection)")
+    seed: int = parameter(0, minimum=0, meaning="seed of random choices (directions in which particles split)")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -67,7 +67,7 @@ class Solver:
                     raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
         scheme = schemes.REGISTRY[numerics.scheme]
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
-        capacity = int(1.15 * len(fluid_position)) + 512  # head room for seeds of an injection
+        capacity = int(1.15 * len(fluid_position)) + 512  # head room for particles that an injection splits
         self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
@@ -216,6 +216,10 @@ class Solver:
             if remaining - dt < 1e-9 * self.settings.numerics.maximum_time_step:
                 self.time = until
             yield dt
+
+    def prepare_output(self) -> None:
+        """Compute what a snapshot before the first step needs: the potentials of the effects."""
+        self._run("prepare", 0.0)
 
     def state(self) -> dict:
         """Everything a restart needs, bit by bit."""

@@ -2,8 +2,9 @@
 
 Particles of the entering liquid grow at the cannula and split; particles of the leaving liquid shrink at the drain and
 merge. The pressure solve gets the matching source sum_j (dV_j/dt) W_ij. What is added in a step is exactly what is
-taken, so the cavity stays full. No particle is ever small: a particle far below the rest volume has a volume equation
-that hardly acts on others and makes pressures run away; moving whole particles from drain to cannula tears the packing.
+taken, so the cavity stays full. Volumes stay within a factor of about two: a particle far below the rest volume has a
+volume equation that hardly acts on others and makes pressures run away, and moving whole particles from the drain to
+the cannula tears the packing.
 """
 import dataclasses
 import math
@@ -83,6 +84,9 @@ class Injection(Effect):
         rate = np.zeros(len(volume))
         for which, point, sign in ((self.entering, self.cannula, 1.0), (self.leaving, self.drain, -1.0)):
             rows = self._nearest(position, phase, which, point)
+            if sign < 0.0 and amount > 0.1 * volume[rows].sum():
+                raise RunError(f"{self.solver.liquids[which].name} runs out before the fill is reached, "
+                               "lower effects.injection.fill")
             rate[rows] = sign * amount / dt * volume[rows] / volume[rows].sum()
         self.solver.particles.from_numpy("volume_rate", rate)
         self.finished = missing - amount <= FLOW_ROUNDING * self.rest_volume

@@ -100,7 +100,7 @@ class VolumeIncompressible:
                 distance = self.walls.position[b] - self.position[j]
                 density = self.mass[j] / self.volume[j]
                 total += self.wall_rows.weight[k] * density * self.acceleration[j].dot(distance)
-            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, total)
+            self.pressure_solver.wall_value[b] = self.pressure_solver.over_wall_weight(b, total)
         for i in range(self.count[None]):
             force = self.velocity[i] * 0.0
             for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
@@ -116,7 +116,7 @@ class VolumeIncompressible:
                 for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
-                rate += self.pressure_solver._over_weight(b, total)
+                rate += self.pressure_solver.over_wall_weight(b, total)
             self.pressure_solver.wall_value[b] = rate
         for i in range(self.count[None]):
             rate = self.pressure_solver.volume_rate(self.velocity, i)
@@ -165,7 +165,7 @@ class VolumeIncompressible:
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
             error = self.wall_compression[b] - self.wall_compression_rest[b]
-            self.pressure_solver.wall_value[b] = self.pressure_solver._over_weight(b, error)
+            self.pressure_solver.wall_value[b] = self.pressure_solver.over_wall_weight(b, error)
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.pressure_solver.fold(i)
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
