@@ -84,7 +84,7 @@ class Injection(Effect):
         rate = np.zeros(len(volume))
         for which, point, sign in ((self.entering, self.cannula, 1.0), (self.leaving, self.drain, -1.0)):
             rows = self._nearest(position, phase, which, point)
-            if sign < 0.0 and amount > 0.1 * volume[rows].sum():
+            if sign < 0.0 and amount > 0.5 * volume[rows].sum():
                 raise RunError(f"{self.solver.liquids[which].name} runs out before the fill is reached, "
                                "lower effects.injection.fill")
             rate[rows] = sign * amount / dt * volume[rows] / volume[rows].sum()
