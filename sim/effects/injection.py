@@ -63,6 +63,8 @@ class Injection(Effect):
         per_step = parameters.flow * solver.settings.numerics.maximum_time_step / self.rest_volume
         self.number = max(FEWEST, math.ceil(STEPS_TO_DOUBLE * per_step))
         self.target = parameters.fill * solver.cavity_volume
+        self.fractions = solver.particles.arrays.get("volume_fraction")  # where another effect mixes the liquids
+        self.mixes = self.fractions is not None
         self.volume_before = math.nan  # volume of the entering liquid when the flow begins, m^3
         self.finished = False
 
@@ -116,6 +118,10 @@ class Injection(Effect):
             mass[rows] = volume[rows] * self.density[self.entering]
             self.solver.particles.from_numpy("phase", phase)
             self.solver.particles.from_numpy("mass", mass)
+            if self.mixes:
+                fraction = read("volume_fraction")
+                fraction[rows] = np.arange(fraction.shape[1]) == self.entering
+                self.solver.particles.from_numpy("volume_fraction", fraction)
             present = volume[phase == self.entering].sum(dtype=float)
         self.volume_before = present
 
@@ -128,6 +134,7 @@ class Injection(Effect):
             return
         position = particles.to_numpy("position").astype(float)
         velocity, pressure, mass = (particles.to_numpy(name) for name in ("velocity", "pressure", "mass"))
+        fraction = particles.to_numpy("volume_fraction") if self.mixes else None
         rng = np.random.default_rng((self.solver.settings.numerics.seed, self.solver.step_count))
         for row in rows:
             direction = rng.normal(size=(DIRECTIONS, self.solver.dimension))
@@ -141,6 +148,7 @@ class Injection(Effect):
             best = int(gap.argmax())
             half = {"phase": phase[row], "velocity": velocity[row], "pressure": pressure[row],
                     "volume": 0.5 * volume[row], "mass": 0.5 * mass[row]}
+            half |= {"volume_fraction": fraction[row]} if self.mixes else {}
             particles.append(half | {"id": self.solver.next_id, "position": ends[1, best]})
             self.solver.next_id += 1
             particles.set_row(int(row), {"position": ends[0, best], "volume": half["volume"], "mass": half["mass"]})
@@ -156,6 +164,7 @@ class Injection(Effect):
             return
         position = particles.to_numpy("position").astype(float)
         velocity, mass = particles.to_numpy("velocity").astype(float), particles.to_numpy("mass").astype(float)
+        fraction = particles.to_numpy("volume_fraction").astype(float) if self.mixes else None
         same = np.flatnonzero(phase == self.leaving)
         gone = set()
         for row in small[np.argsort(volume[small], kind="stable")]:
@@ -172,6 +181,9 @@ class Injection(Effect):
             total, weight = volume[row] + volume[partner], mass[row] + mass[partner]
             position[partner] = (volume[row] * position[row] + volume[partner] * position[partner]) / total
             velocity[partner] = (mass[row] * velocity[row] + mass[partner] * velocity[partner]) / weight
+            if self.mixes:
+                fraction[partner] = (volume[row] * fraction[row] + volume[partner] * fraction[partner]) / total
+                particles.set_row(partner, {"volume_fraction": fraction[partner]})
             volume[partner], mass[partner] = total, weight
             particles.set_row(partner, {"position": position[partner], "velocity": velocity[partner],
                                         "volume": total, "mass": weight})
@@ -183,9 +195,17 @@ class Injection(Effect):
         # What enters has the velocity of the liquid around it, so the velocity stays.
         for i in range(self.count[None]):
             if self.particles.volume_rate[i] != 0.0:
-                density = self.particles.mass[i] / self.particles.volume[i]
+                before = self.particles.volume[i]
+                density = self.particles.mass[i] / before
                 self.particles.volume[i] += dt * self.particles.volume_rate[i]
                 self.particles.mass[i] = density * self.particles.volume[i]
+                if ti.static(self.mixes):  # noqa: SIM102 (a condition at compile time stands alone)
+                    if self.particles.volume_rate[i] > 0.0:  # pure liquid enters; what leaves is the mixture there
+                        kept = before / self.particles.volume[i]
+                        self.fractions[i] *= kept
+                        self.fractions[i][self.entering] += 1.0 - kept
+                        self.particles.mass[i] = density * before + self.density[self.entering] * (
+                            self.particles.volume[i] - before)
 
     def finish(self, dt: float) -> None:
         self._grow(dt)
