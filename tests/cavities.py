@@ -15,6 +15,7 @@ from sim.solver import Solver
 
 SPACING = 1e-3
 RADIUS = 10e-3
+TANK_END = 0.02     # s
 AQUEOUS = Liquid("aqueous", 1005.0, 1e-3)
 OIL = Liquid("oil", 970.0, 1.0)
 
@@ -78,12 +79,12 @@ def tank(arrays, precision: str) -> Solver:
     return build(arrays, effects=effects, phase=lambda x: x[:, 0] < 0.0, precision=precision)
 
 
-def injected(arrays, precision: str, **changes) -> Solver:
-    """Return a cavity full of aqueous into which oil flows."""
+def injected(arrays, precision: str, more=(), **changes) -> Solver:
+    """Return a cavity full of aqueous into which oil flows, with more effects."""
     volume = float(arrays["cavity_volume"])
     values = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1.0 * volume, "fill": 0.25,
               "cannula": (0.0, 4e-3, 0.0), "drain": (0.0, -9e-3, 0.0)} | changes
-    effects = (parameters("injection", **values), parameters("viscosity_implicit"))
+    effects = (parameters("injection", **values), parameters("viscosity_implicit"), *more)
     return build(arrays, effects=effects, phase=lambda x: np.zeros(len(x)), precision=precision,
                  maximum_time_step=1e-3)
 
@@ -98,7 +99,8 @@ def main(precision: str, threads: str, source: str, target: str, *cases: str) ->
     results = {}
     if "tank" in cases:
         solver = tank(arrays, precision)
-        run(solver, 0.02)
+        run(solver, 0.5 * TANK_END)
+        run(solver, TANK_END)
         results |= {f"tank.{name}": values for name, values in solver.state().items()}
     if "injection" in cases:
         results |= {f"injection.{name}": values for name, values in watched(injected(arrays, precision)).items()}

@@ -136,3 +136,17 @@ def test_splitting_and_merging_conserve(circle):
     scale = np.abs(before).max(axis=0)
     for after in (after_splits, sums()):
         np.testing.assert_allclose(after / scale, before / scale, atol=1e-12)
+
+
+def test_mixtures_stay_whole_while_oil_enters(circle):
+    """With diffusion the fractions of every particle still sum to one, and its mass is that of its fractions."""
+    flow = 4.0 * float(circle["cavity_volume"])
+    solver = cavities.injected(circle, "f64", more=(cavities.parameters("diffusion", coefficient=1e-6),), flow=flow)
+    steps = cavities.run(solver, 0.03, lambda solver: solver.count[None])
+    assert max(steps) > steps[0]     # particles have split
+    fraction, volume, mass = cavities.read(solver, "volume_fraction", "volume", "mass")
+    np.testing.assert_allclose(fraction.sum(axis=1), 1.0, atol=1e-9)
+    np.testing.assert_allclose(mass, volume * (fraction @ [1005.0, 970.0]), rtol=1e-9)
+    # What enters is oil, what leaves near the drain is not yet mixed: the volume of oil is droplet and flow.
+    oil = flow * solver.time + 24 * solver.rest_volume
+    assert volume @ fraction[:, 1] == pytest.approx(oil, rel=1e-3)
