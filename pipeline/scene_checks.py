@@ -26,7 +26,7 @@ CONFLICTS = (
     ("viscosity", "viscosity_implicit", "both apply the shear stress"),
     ("interface_tension", "cohesion", "both pull the interface together"),
     ("interface_tension", "curvature", "both pull the interface together"),
-    ("injection", "diffusion", "the injection knows no mixtures, so let another scene start from the end of it"),
+    ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
 MOST_FRAMES = 100_000
