@@ -82,7 +82,7 @@ def tank(arrays, precision: str) -> Solver:
 def injected(arrays, precision: str, more=(), **changes) -> Solver:
     """Return a cavity full of aqueous into which oil flows, with more effects."""
     volume = float(arrays["cavity_volume"])
-    values = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1.0 * volume, "fill": 0.25,
+    values = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 2.0 * volume, "fill": 0.25,
               "cannula": (0.0, 4e-3, 0.0), "drain": (0.0, -9e-3, 0.0)} | changes
     effects = (parameters("injection", **values), parameters("viscosity_implicit"), *more)
     return build(arrays, effects=effects, phase=lambda x: np.zeros(len(x)), precision=precision,

@@ -368,7 +368,8 @@ def test_liquids_do_not_cohere_with_each_other(solver, name):
 COEFFICIENT = 1e-5
 
 
-@pytest.fixture(scope="module", params=[("lattice", 3.0), ("lattice", 2.5), ("packed", 2.5)],
+@pytest.fixture(scope="module", params=[("lattice", 3.0), pytest.param(("lattice", 2.5), marks=pytest.mark.slow),
+                                        ("packed", 2.5)],
                 ids=["lattice-3.0", "lattice-2.5", "packed-2.5"])
 def diffusing(request):
     """Return a solver with diffusion whose particles rest, the D to expect over that asked for, and the tolerance."""

@@ -1,4 +1,5 @@
 """Injection: volumes, bounds and the end of the flow, in double and single precision."""
+import dataclasses
 import math
 
 import cavities
@@ -8,9 +9,9 @@ import pytest
 from sim.effects.injection import LARGEST, SMALLEST
 from sim.errors import RunError
 
-FLOW = 1.0     # cavities per second, three times that of the tamponade
+FLOW = 2.0     # cavities per second, seven times that of the tamponade
 FILL = 0.25
-END = 0.22     # s; from the droplet of some 8 % the fill is reached near 0.17 s
+END = 0.12     # s; from the droplet of some 8 % the fill is reached near 0.09 s
 
 
 def watched(solver) -> dict[str, np.ndarray]:
@@ -93,60 +94,102 @@ def test_flow_is_of_the_size_of_the_sources(record):
     assert 0.1 * fastest < np.median(steps["speed"][flowing]) < 2.0 * fastest
 
 
-def test_draining_a_liquid_that_is_not_there_is_refused(circle):
-    solver = cavities.injected(circle, "f64", liquid="aqueous", drained_liquid="oil", fill=1.0)
+@pytest.fixture(scope="module")
+def mixed(circle):
+    """Return a solver with injection and diffusion that takes no step."""
+    return cavities.injected(circle, "f64", more=(cavities.parameters("diffusion", coefficient=1e-6),))
+
+
+def injection_of(solver, **changes):
+    """Return an injection with changed parameters into a solver's particles."""
+    parameters = solver.effects[0].parameters
+    return type(solver.effects[0])(dataclasses.replace(parameters, **changes), solver)
+
+
+def test_draining_a_liquid_that_is_not_there_is_refused(mixed):
+    injection = injection_of(mixed, liquid="aqueous", drained_liquid="oil", fill=1.0)
     with pytest.raises(RunError, match=r"no oil is left to exchange, lower effects\.injection\.fill"):
-        solver.step()
+        injection.exchange(1e-3)
 
 
-def test_flow_waits_for_its_start(circle):
-    solver = cavities.injected(circle, "f64", start=1.0)
-    before = solver.state()
-    solver.effects[0].exchange(1e-3)
-    assert not solver.particles.to_numpy("volume_rate").any()
+def test_flow_waits_for_its_start(mixed):
+    before = mixed.state()
+    injection_of(mixed, start=1.0).exchange(1e-3)
+    assert not mixed.particles.to_numpy("volume_rate").any()
+    after = mixed.state()
     for name in ("particles.phase", "particles.volume", "particles.mass"):
-        np.testing.assert_array_equal(solver.state()[name], before[name])
+        np.testing.assert_array_equal(after[name], before[name])
+    injection_of(mixed, start=0.0).exchange(1e-3)
+    assert mixed.particles.to_numpy("volume_rate").any()
+    mixed.restore(before)
 
 
-def test_splitting_and_merging_conserve(circle):
-    """Splits and merges keep volume, mass, momentum and center of mass of each liquid."""
-    solver = cavities.injected(circle, "f64")
+def test_droplet_is_pure(mixed):
+    before = mixed.state()
+    injection_of(mixed).exchange(1e-3)
+    phase = mixed.particles.to_numpy("phase")
+    mass, volume, fraction = cavities.read(mixed, "mass", "volume", "volume_fraction")
+    assert 10 < phase.sum() < 40
+    np.testing.assert_array_equal(fraction, np.eye(2)[phase])
+    np.testing.assert_allclose(mass, volume * np.where(phase == 1, 970.0, 1005.0), rtol=1e-12)
+    mixed.restore(before)
+
+
+def sums(solver) -> np.ndarray:
+    """Return volume, volume of every liquid in mixtures, mass, momentum and first moment, by phase."""
+    phase = solver.particles.to_numpy("phase")
+    volume, mass, velocity, position, fraction = cavities.read(solver, "volume", "mass", "velocity", "position",
+                                                               "volume_fraction")
+    return np.array([[volume[chosen].sum(), *(volume[chosen] @ fraction[chosen]), mass[chosen].sum(),
+                      *(mass[chosen] @ velocity[chosen]), *(mass[chosen] @ position[chosen])]
+                     for chosen in (phase == 0, phase == 1)])
+
+
+def set_mixtures(solver) -> int:
+    """Give half of the particles to the oil, with volumes about to split or merge; return their number."""
     rng = np.random.default_rng(2)
     count = solver.count[None]
     phase = rng.integers(0, 2, count)
-    volume = solver.rest_volume * np.where(phase == 1, rng.uniform(0.7, 1.3, count) * LARGEST,
-                                           rng.uniform(0.7, 1.3, count) * SMALLEST)
-    density = np.array([liquid.density for liquid in solver.liquids])
-    for name, values in (("phase", phase), ("volume", volume), ("mass", volume * density[phase]),
+    volume = solver.rest_volume * rng.uniform(0.7, 1.3, count) * np.where(phase == 1, LARGEST, SMALLEST)
+    oil = np.clip(phase + rng.uniform(-0.3, 0.3, count), 0.0, 1.0)
+    for name, values in (("phase", phase), ("volume", volume), ("mass", volume * (1005.0 - 35.0 * oil)),
+                         ("volume_fraction", np.stack([1.0 - oil, oil], axis=1)),
                          ("velocity", rng.normal(size=(count, 2)))):
         solver.particles.from_numpy(name, values)
+    return count
 
-    def sums():
-        phase = solver.particles.to_numpy("phase")
-        volume, mass, velocity, position = cavities.read(solver, "volume", "mass", "velocity", "position")
-        return np.array([[volume[chosen].sum(), mass[chosen].sum(), *(mass[chosen] @ velocity[chosen]),
-                          *(mass[chosen] @ position[chosen])] for chosen in (phase == 0, phase == 1)])
 
-    before = sums()
-    solver.effects[0]._split_large()
-    assert solver.count[None] > count + 20
-    after_splits, entries = sums(), solver.count[None]
-    solver.effects[0]._merge_small()
-    assert solver.count[None] < entries - 20
+def test_splitting_and_merging_conserve(mixed):
+    """Splits and merges keep volumes, mass, momentum and center of mass, and every particle a whole mixture."""
+    before_all = mixed.state()
+    count = set_mixtures(mixed)
+    before = sums(mixed)
+    injection = injection_of(mixed)
+    injection._split_large()
+    assert mixed.count[None] > count + 20
+    after_splits, entries = sums(mixed), mixed.count[None]
+    injection._merge_small()
+    assert mixed.count[None] < entries - 20
     scale = np.abs(before).max(axis=0)
-    for after in (after_splits, sums()):
+    for after in (after_splits, sums(mixed)):
         np.testing.assert_allclose(after / scale, before / scale, atol=1e-12)
+    np.testing.assert_allclose(cavities.read(mixed, "volume_fraction")[0].sum(axis=1), 1.0, rtol=1e-12)
+    ids = mixed.particles.to_numpy("id")
+    assert len(set(ids.tolist())) == len(ids)
+    mixed.restore(before_all)
 
 
-def test_mixtures_stay_whole_while_oil_enters(circle):
-    """With diffusion the fractions of every particle still sum to one, and its mass is that of its fractions."""
-    flow = 4.0 * float(circle["cavity_volume"])
-    solver = cavities.injected(circle, "f64", more=(cavities.parameters("diffusion", coefficient=1e-6),), flow=flow)
-    steps = cavities.run(solver, 0.03, lambda solver: solver.count[None])
-    assert max(steps) > steps[0]     # particles have split
-    fraction, volume, mass = cavities.read(solver, "volume_fraction", "volume", "mass")
-    np.testing.assert_allclose(fraction.sum(axis=1), 1.0, atol=1e-9)
-    np.testing.assert_allclose(mass, volume * (fraction @ [1005.0, 970.0]), rtol=1e-9)
-    # What enters is oil, what leaves near the drain is not yet mixed: the volume of oil is droplet and flow.
-    oil = flow * solver.time + 24 * solver.rest_volume
-    assert volume @ fraction[:, 1] == pytest.approx(oil, rel=1e-3)
+def test_pure_oil_enters_and_the_mixture_leaves(mixed):
+    before_all = mixed.state()
+    set_mixtures(mixed)
+    (volume,) = cavities.read(mixed, "volume")
+    phase = mixed.particles.to_numpy("phase")
+    mixed.particles.from_numpy("volume_rate", np.where(phase == 1, 0.1, -0.1) * volume)
+    aqueous, oil = cavities.read(mixed, "volume_fraction")[0].T * volume
+    injection_of(mixed).finish(1.0)
+    fraction, after, mass = cavities.read(mixed, "volume_fraction", "volume", "mass")
+    np.testing.assert_allclose(fraction[:, 0] * after, aqueous * np.where(phase == 1, 1.0, 0.9), rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(fraction[:, 1] * after, oil * np.where(phase == 1, 1.0, 0.9)
+                               + np.where(phase == 1, 0.1, 0.0) * volume, rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(mass, after * (fraction @ [1005.0, 970.0]), rtol=1e-12)
+    mixed.restore(before_all)
