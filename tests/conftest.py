@@ -92,6 +92,15 @@ def circle(taichi) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="session")
+def bare(circle):
+    """Return a solver without any effect in the circle, and its state at rest."""
+    from cavities import build
+
+    solver = build(circle)
+    return solver, solver.state()
+
+
+@pytest.fixture(scope="session")
 def elsewhere(circle, tmp_path_factory):
     """Return a function that advances cases of ``cavities`` in a process of its own and returns their results."""
     folder = tmp_path_factory.mktemp("elsewhere")

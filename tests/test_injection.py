@@ -136,12 +136,12 @@ def test_droplet_is_pure(mixed):
 
 
 def sums(solver) -> np.ndarray:
-    """Return volume, volume of every liquid in mixtures, mass, momentum and first moment, by phase."""
+    """Return volume, volume of every liquid in mixtures, mass, momentum and the place of the volume, by phase."""
     phase = solver.particles.to_numpy("phase")
     volume, mass, velocity, position, fraction = cavities.read(solver, "volume", "mass", "velocity", "position",
                                                                "volume_fraction")
     return np.array([[volume[chosen].sum(), *(volume[chosen] @ fraction[chosen]), mass[chosen].sum(),
-                      *(mass[chosen] @ velocity[chosen]), *(mass[chosen] @ position[chosen])]
+                      *(mass[chosen] @ velocity[chosen]), *(volume[chosen] @ position[chosen])]
                      for chosen in (phase == 0, phase == 1)])
 
 
@@ -160,7 +160,7 @@ def set_mixtures(solver) -> int:
 
 
 def test_splitting_and_merging_conserve(mixed):
-    """Splits and merges keep volumes, mass, momentum and center of mass, and every particle a whole mixture."""
+    """Splits and merges keep volumes, mass, momentum and center of volume, and every particle a whole mixture."""
     before_all = mixed.state()
     count = set_mixtures(mixed)
     before = sums(mixed)

@@ -161,9 +161,10 @@ def test_vanishing_time_step_is_a_divergence(tank):
 # Spin.
 
 @pytest.fixture(scope="module")
-def spinning(circle):
+def spinning(bare):
     """Return a solver without any effect and its spin and energy over 30 ms from a rotation at 8 rad/s."""
-    solver = cavities.build(circle)
+    solver, at_rest = bare
+    solver.restore(at_rest)
     (position,) = cavities.read(solver, "position")
     solver.particles.from_numpy("velocity", 8.0 * position[:, ::-1] * [-1.0, 1.0])
 
