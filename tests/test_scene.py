@@ -61,7 +61,7 @@ def test_tamponade_is_in_si_and_complete():
     assert [liquid.name for liquid in scene.liquids] == ["aqueous", "silicone_oil_1000"]
     assert scene.liquids[1].dynamic_viscosity == 1.0
     assert scene.initial.liquid == "aqueous"
-    assert scene.effects["injection"].flow == 1.5e-6
+    assert scene.effects["injection"].flow == 2e-6
     assert scene.effects["injection"].cannula == (-5e-3, 5e-3, 3e-3)
     assert scene.effects["interface_tension"].contact_angle == 18.2
     assert scene.effects["gravity"].turns[0].start == 3.0
@@ -218,7 +218,7 @@ BAD = {
     "drain in the lens": ("effects: {injection: {drain: [0, 0, 6 mm]}}", "drain is (0, 0, 6) mm, outside the eye"),
     "injection into a mixture": ("effects: {diffusion: {coefficient: 1e-6}}", "diffusion cannot be used together with"),
     "drain at cannula": ("effects: {injection: {drain: [-5 mm, 5 mm, 3 mm]}}", "away from it"),
-    "late injection": ("effects: {injection: {start: 9 s}}", "start is 9 s, but the scene ends at 4.5 s"),
+    "late injection": ("effects: {injection: {start: 9 s}}", "start is 9 s, but the scene ends at 4 s"),
     "nothing to inject": ("initial: {liquid: silicone_oil_1000}", "fill is 85 %, but silicone_oil_1000 holds 100 %"),
     "two viscosities": ("effects: {viscosity: {}}", "viscosity_implicit cannot be used together with viscosity"),
     "tension and cohesion": ("effects: {cohesion: {gamma: 1}}", "cohesion cannot be used together with interface_"),
