@@ -64,7 +64,7 @@ def test_tamponade_is_in_si_and_complete():
     assert scene.effects["injection"].flow == 2e-6
     assert scene.effects["injection"].cannula == (-5e-3, 5e-3, 3e-3)
     assert scene.effects["interface_tension"].contact_angle == 18.2
-    assert scene.effects["gravity"].turns[0].start == 3.0
+    assert scene.effects["gravity"].turns[0].start == 2.3
     settings = scene.settings()
     assert settings.dimension == 3 and settings.numerics is scene.numerics
     assert settings.effects == tuple(scene.effects.values())
