@@ -157,6 +157,11 @@ def particles_outside(state):
     return np.count_nonzero(state.distance.sample(state.frame.position) > 0)
 
 
+@metric("1", "particles that the wall itself stopped, 0.1 spacings short of it, per step since the frame before")
+def wall_contacts(state):
+    return state.statistic("wall_contacts")
+
+
 @metric("1", "smallest distance of two full-grown particles, in particle spacings")
 def smallest_spacing(state):
     full = state.frame.volume > FULL_PARTICLE * state.frame.particle_spacing**state.frame.dimension

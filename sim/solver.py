@@ -191,7 +191,7 @@ class Solver:
         statistics = self._run("correct_velocity", dt)
         self._largest_values()
         statistics |= self._timed("pressure", self.scheme.project, dt, self.largest[0])
-        self._timed("position correction", self.scheme.advect, dt)
+        statistics |= self._timed("position correction", self.scheme.advect, dt)
         self._run("finish", dt)
         self.time += dt
         self.step_count += 1

@@ -54,6 +54,7 @@ class VolumeIncompressible:
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
         self.gauge = ti.field(real(), shape=())
+        self.contacts = ti.field(ti.i32, shape=())
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
 
     @ti.kernel
@@ -190,10 +191,20 @@ class VolumeIncompressible:
                 x -= overlap * normal
                 self.velocity[i] -= ti.max(self.velocity[i].dot(normal), 0.0) * normal
             self.position[i] = x
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = 0
+            for i in range(self.count[None]):
+                total += self.contact[i]
+            self.contacts[None] = total
 
-    def advect(self, dt: float) -> None:
-        """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone."""
+    def advect(self, dt: float) -> dict[str, float]:
+        """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone.
+
+        Returns the number of particles that the wall itself had to stop.
+        """
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
         self._move(dt)
+        return {"wall_contacts": float(self.contacts[None])}
