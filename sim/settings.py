@@ -20,6 +20,7 @@ class Numerics:
     particle_spacing: float = parameter(unit="m", exclusive_minimum=0.0, meaning="mean distance between particles")
     scheme: str = parameter("volume_incompressible", choices=("volume_incompressible",),
                             meaning="pressure solve and time integration")
+    kernel: str = parameter("wendland_c2", choices=("wendland_c2", "cubic_spline"), meaning="smoothing kernel")
     support_ratio: float = parameter(2.5, minimum=2.0, maximum=4.0,
                                      meaning="support radius of the kernel in particle spacings")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
@@ -44,10 +45,14 @@ class Settings:
     """Everything the solver needs beside arrays.
 
     ``effects`` holds one parameter object per active effect (``sim.effects.REGISTRY``), in any order;
-    an effect that is not listed is not compiled, allocated or run.
+    an effect that is not listed is not compiled, allocated or run. ``closed`` tells that the liquids fill the cavity
+    completely; where they do not, they have a free surface. ``scheme`` holds the parameters of the scheme that
+    ``numerics.scheme`` names, ``None`` for its defaults.
     """
 
     dimension: int
     liquids: tuple[Liquid, ...]
     numerics: Numerics
     effects: tuple[object, ...]
+    closed: bool = True
+    scheme: object | None = None

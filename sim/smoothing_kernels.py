@@ -55,3 +55,6 @@ class CubicSpline:
         q = r / self.support_radius
         s = ti.max(1.0 - q, 0.0)
         return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))
+
+
+KERNELS = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}

@@ -12,7 +12,7 @@ from sim.neighbor_search import NeighborSearch
 from sim.runtime import real_numpy
 from sim.settings import Settings
 from sim.signed_distance import SignedDistance
-from sim.smoothing_kernels import WendlandC2
+from sim.smoothing_kernels import KERNELS
 
 BASE_FIELDS = (
     Field("id", "integer", "", "number of the particle, kept for life", carried=True),
@@ -40,10 +40,11 @@ class Solver:
     wall_position, wall_volume, wall_depth : (m, d), (m,), (m,) arrays of the wall particles, SI.
     sdf_values, sdf_origin, sdf_cell : signed distance of the cavity, negative inside.
     cavity_volume : m^3 (m^2 in 2D).
+    fluid_velocity : (n, d), m/s; at rest without it.
     """
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
-                 wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume):
+                 wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None):
         self.settings = settings
         numerics = settings.numerics
         self.dimension = settings.dimension
@@ -52,7 +53,7 @@ class Solver:
         self.liquids = settings.liquids
         self.rest_volume = float(np.mean(fluid_volume))
         self.support_radius = numerics.support_ratio * self.spacing
-        self.kernel = WendlandC2(self.support_radius, self.dimension)
+        self.kernel = KERNELS[numerics.kernel](self.support_radius, self.dimension)
         self.distance = SignedDistance(np.asarray(sdf_values), sdf_origin, sdf_cell)
         self.time, self.step_count, self.next_id = 0.0, 0, len(fluid_position)
         self.statistics: dict[str, float] = {}
@@ -78,7 +79,7 @@ class Solver:
             setattr(self, name, self.particles.arrays[name])
         self.count = self.particles.count
         self.largest = ti.field(ti.f64, shape=4)
-        self._set_particles(fluid_position, fluid_volume, fluid_phase)
+        self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
         parameters = {type(p): p for p in settings.effects}
         self.effects = []
         for c in classes:
@@ -88,12 +89,13 @@ class Solver:
             setattr(self, f"{hook}_effects", [e for e in self.effects if e.overrides(hook)])
         self._prepare_rest_state()
 
-    def _set_particles(self, position, volume, phase):
+    def _set_particles(self, position, volume, phase, velocity):
         n = len(position)
         self.count[None] = n
         density = np.array([liquid.density for liquid in self.liquids])
         for name, values in (("id", np.arange(n)), ("phase", phase), ("position", position), ("volume", volume),
-                             ("mass", np.asarray(volume) * density[np.asarray(phase)])):
+                             ("mass", np.asarray(volume) * density[np.asarray(phase)]),
+                             ("velocity", np.zeros_like(position) if velocity is None else velocity)):
             self.particles.from_numpy(name, values)
 
     def _prepare_rest_state(self):
@@ -150,10 +152,11 @@ class Solver:
             limits.append(numerics.courant_number * self.spacing / speed)
         if acceleration > 0.0:
             limits.append(0.5 * (self.spacing / acceleration) ** 0.5)
+        limits.append(self.scheme.stable_time_step())
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
 
-    def _timed(self, name, function, *arguments):
+    def timed(self, name, function, *arguments):
         start = time.perf_counter()
         result = function(*arguments)
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
@@ -164,7 +167,7 @@ class Solver:
         statistics = {}
         for effect in self.effects:
             if effect.overrides(hook):
-                statistics |= self._timed(effect.name, getattr(effect, hook), *arguments)
+                statistics |= self.timed(effect.name, getattr(effect, hook), *arguments)
         return statistics
 
     def step(self, largest_step: float = float("inf")) -> float:
@@ -183,20 +186,29 @@ class Solver:
                              f"{self.settings.numerics.minimum_time_step:.3g} s (numerics.minimum_time_step); "
                              f"largest speed {self.largest[0]:.3g} m/s, acceleration {self.largest[1]:.3g} m/s2")
         self._run("exchange", dt)
-        self._timed("neighbors", self.search.sort)
-        self._timed("neighbors", self.search.build)
-        self._timed("pressure", self.scheme.measure)
+        self.timed("neighbors", self.search.sort)
+        self.timed("neighbors", self.search.build)
+        self.timed("pressure", self.scheme.measure)
         self._run("prepare", dt)
-        self._timed("accelerations", self._accelerate, dt)
-        statistics = self._run("correct_velocity", dt)
-        self._largest_values()
-        statistics |= self._timed("pressure", self.scheme.project, dt, self.largest[0])
-        statistics |= self._timed("position correction", self.scheme.advect, dt)
+        statistics = self.scheme.step(dt)
         self._run("finish", dt)
         self.time += dt
         self.step_count += 1
         self.statistics = {"time_step": dt, **statistics}
         return dt
+
+    def accelerate(self, dt: float) -> None:
+        """Add the accelerations of the effects to the velocity."""
+        self.timed("accelerations", self._accelerate, dt)
+
+    def correct_velocity(self, dt: float) -> dict[str, float]:
+        """Let effects change the velocity as a whole (implicit viscosity and the like); return their statistics."""
+        return self._run("correct_velocity", dt)
+
+    def largest_speed(self) -> float:
+        """Largest speed of the present state, m/s."""
+        self._largest_values()
+        return self.largest[0]
 
     def _check(self):
         if not np.isfinite(self.largest[2]):
@@ -226,8 +238,8 @@ class Solver:
         arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
                   for f in self.particles.declared.values() if f.carried}
         state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
-                 "wall_compression_rest": self.scheme.wall_compression_rest.to_numpy(),
                  "acceleration": self.particles.to_numpy("acceleration"), **arrays}
+        state |= {f"scheme.{key}": value for key, value in self.scheme.state().items()}
         for effect in self.effects:
             state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
         return state
@@ -241,7 +253,7 @@ class Solver:
             if f"particles.{field.name}" in state:
                 self.particles.from_numpy(field.name, state[f"particles.{field.name}"])
         self.particles.from_numpy("acceleration", state["acceleration"])
-        self.scheme.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
+        self.scheme.restore({k[7:]: v for k, v in state.items() if k.startswith("scheme.")})
         for effect in self.effects:
             if any(f.carried and f"particles.{f.name}" not in state for f in effect.fields):
                 effect.start()

@@ -35,14 +35,23 @@ def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING) -> dic
     return arrays
 
 
-def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="f64", **numerics) -> Solver:
-    """Return a solver in a cavity; `phase` is a function of the positions, by default the upper half is oil."""
-    position = arrays["fluid_position"]
+def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="f64", filled=None, velocity=None,
+          scheme_parameters=None, **numerics) -> Solver:
+    """Return a solver in a cavity; functions of the positions give phase, velocity and, with a free surface, liquid.
+
+    By default the upper half is oil, everything is at rest and the cavity is full; `filled` marks what is liquid.
+    """
+    position, volume = arrays["fluid_position"], arrays["fluid_volume"]
+    if filled is not None:
+        keep = filled(position)
+        position, volume = position[keep], volume[keep]
     phase = (position[:, 1] > 0.0) if phase is None else phase(position)
     settings = Settings(
-        dimension=position.shape[1], liquids=tuple(liquids), effects=tuple(effects),
+        dimension=position.shape[1], liquids=tuple(liquids), effects=tuple(effects), closed=filled is None,
+        scheme=scheme_parameters,
         numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), precision=precision, **numerics))
-    return Solver(settings, fluid_position=position, fluid_volume=arrays["fluid_volume"],
+    return Solver(settings, fluid_position=position, fluid_volume=volume,
+                  fluid_velocity=None if velocity is None else velocity(position),
                   fluid_phase=np.asarray(phase).astype(int), wall_position=arrays["wall_position"],
                   wall_volume=arrays["wall_volume"], wall_depth=arrays["wall_distance"],
                   sdf_values=arrays["sdf_values"], sdf_origin=arrays["sdf_origin"], sdf_cell=arrays["sdf_cell"],

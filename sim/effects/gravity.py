@@ -2,7 +2,7 @@
 
 In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
-instead of the large weight. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
+instead of the large weight. Where the liquids have a free surface, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
 """
 import dataclasses
 
@@ -64,7 +64,7 @@ def rotate_towards(start, end, fraction: float) -> np.ndarray:
 
 @ti.data_oriented
 class Gravity(Effect):
-    """Buoyancy of each particle against the reference density."""
+    """Weight of each particle, less that of the reference density."""
 
     name = "gravity"
     Parameters = GravityParameters
@@ -73,8 +73,10 @@ class Gravity(Effect):
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
         densities = [liquid.density for liquid in solver.liquids]
-        # Any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
+        # In a full cavity any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
         self.reference_density = densities[0] if max(densities) <= 2.0 * min(densities) else min(densities)
+        if not solver.settings.closed:
+            self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())
 
     def direction(self, time: float) -> np.ndarray:

@@ -8,7 +8,8 @@ import taichi as ti
 
 from sim.fields import Field
 from sim.pressure_solver import PressureSolver
-from sim.runtime import real
+from sim.runtime import real, real_numpy
+from sim.schemes.scheme import Scheme
 
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
@@ -20,10 +21,11 @@ SHIFT_THRESHOLD = 0.01  # |S_i| dx of an even packing; a smaller one is left alo
 
 
 @ti.data_oriented
-class VolumeIncompressible:
+class VolumeIncompressible(Scheme):
     """Scheme `volume_incompressible`."""
 
     name = "volume_incompressible"
+    fills = ("closed",)
     fields = (
         Field("pressure", "scalar", "Pa", "solved pressure: without the reduced hydrostatic part", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
@@ -33,22 +35,11 @@ class VolumeIncompressible:
     )
 
     def __init__(self, solver):
-        self.solver = solver
-        self.numerics = solver.settings.numerics
-        self.spacing = self.numerics.particle_spacing
-        self.search = solver.search
-        self.walls = solver.search.walls
-        self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
+        super().__init__(solver)
         arrays = solver.particles.arrays
-        self.count = solver.particles.count
-        self.position, self.velocity, self.volume, self.mass = (
-            arrays[name] for name in ("position", "velocity", "volume", "mass"))
-        self.acceleration = arrays["acceleration"]
-        self.pressure, self.correction, self.contact = arrays["pressure"], arrays["correction"], arrays["contact"]
-        self.compression_rate, self.gradient_sum = arrays["compression_rate"], arrays["kernel_gradient_sum"]
         self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
         self.volume_rate = arrays.get("volume_rate")
-        self.pressure_solver = PressureSolver(solver.particles, self.search, self.gradient_sum)
+        self.pressure_solver = PressureSolver(solver.particles, self.search, self.kernel_gradient_sum)
         walls = max(self.walls.count, 1)
         self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
@@ -69,7 +60,7 @@ class VolumeIncompressible:
                 total += self.wall_pairs.weight[k]
                 gradient += self.wall_pairs.gradient[k]
             self.compression_rate[i] = total
-            self.gradient_sum[i] = gradient
+            self.kernel_gradient_sum[i] = gradient
         for b in range(self.walls.count):
             total = 0.0
             for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
@@ -90,6 +81,20 @@ class VolumeIncompressible:
     def set_rest_state(self) -> None:
         """Take the present compression of the wall rows as that of rest (packed start)."""
         self.wall_compression_rest.copy_from(self.wall_compression)
+
+    def step(self, dt: float) -> dict[str, float]:
+        solver = self.solver
+        solver.accelerate(dt)
+        statistics = solver.correct_velocity(dt)
+        speed = solver.largest_speed()
+        statistics |= solver.timed("pressure", self.project, dt, speed)
+        return statistics | solver.timed("position correction", self.advect, dt)
+
+    def state(self) -> dict:
+        return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
+
+    def restore(self, state: dict) -> None:
+        self.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
 
     @ti.kernel
     def _wall_hydrostatics(self, dt: float):
@@ -178,7 +183,7 @@ class VolumeIncompressible:
         for b in range(self.walls.count):
             self.pressure_solver.wall_value[b] = self.pressure_solver.extrapolated(self.correction, b)
         for i in range(self.count[None]):
-            gradient = self.gradient_sum[i]
+            gradient = self.kernel_gradient_sum[i]
             uneven = ti.max(1.0 - SHIFT_THRESHOLD / (self.spacing * gradient.norm() + 1e-12), 0.0)
             shift = (self.pressure_solver.pressure_force(self.correction, i)
                      - SHIFT_WEIGHT * uneven * self.spacing**2 * gradient)

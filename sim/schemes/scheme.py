@@ -1,0 +1,74 @@
+"""The contract of a scheme: pressure and time integration, one file each.
+
+A scheme is a frozen dataclass of its own parameters and a class that declares the particle fields it needs and
+overrides the hooks below. The solver calls, in every step: `exchange` of the effects, the neighbor search, `measure`,
+`prepare` of the effects, `step`, `finish` of the effects. Inside `step` the scheme calls `solver.accelerate(dt)`
+(velocity += dt * accelerations of the effects) and `solver.correct_velocity(dt)` (implicit viscosity and the like)
+where its algorithm has them, and moves the particles.
+"""
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import taichi as ti
+
+from sim.fields import Field
+
+
+@dataclasses.dataclass(frozen=True)
+class NoParameters:
+    """A scheme without parameters of its own."""
+
+
+@ti.data_oriented
+class Scheme:
+    """Base of all schemes.
+
+    Class attributes
+    ----------------
+    name : value of `numerics.scheme`.
+    Parameters : frozen dataclass of the scheme's own parameters (``sim.parameters.parameter``).
+    fields : particle fields of the scheme; `pressure` and `compression_rate` are two of them, for effects and frames.
+    fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
+    refuses : effects that it cannot run, with the reason.
+    """
+
+    name: str
+    Parameters: type = NoParameters
+    fields: tuple[Field, ...] = ()
+    fills: tuple[str, ...] = ("closed", "open")
+    refuses: Mapping[str, str] = MappingProxyType({})
+
+    def __init__(self, solver):
+        self.solver = solver
+        self.parameters = solver.settings.scheme or self.Parameters()
+        self.numerics = solver.settings.numerics
+        self.spacing = self.numerics.particle_spacing
+        self.search, self.walls = solver.search, solver.walls
+        self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
+        self.count = solver.particles.count
+        for name in ("position", "velocity", "acceleration", "volume", "mass", "phase",
+                     *(field.name for field in self.fields)):
+            setattr(self, name, solver.particles.arrays[name])
+
+    def measure(self) -> None:
+        """Compute what depends on positions only, once neighbor rows are known: at least `compression_rate`."""
+        raise NotImplementedError
+
+    def set_rest_state(self) -> None:
+        """Take what the start defines, after the first `measure`."""
+
+    def stable_time_step(self) -> float:
+        """Largest stable time step beside the limits by speed and acceleration, s."""
+        return float("inf")
+
+    def step(self, dt: float) -> dict[str, float]:
+        """Advance velocity and position by dt; return statistics, with `pressure_iterations` among them."""
+        raise NotImplementedError
+
+    def state(self) -> dict:
+        """Arrays and numbers beside the carried fields that a restart needs."""
+        return {}
+
+    def restore(self, state: dict) -> None:
+        """Take up what `state` returned."""
