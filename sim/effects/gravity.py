@@ -2,7 +2,8 @@
 
 In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
-instead of the large weight. Where the liquids have a free surface, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
+instead of the large weight. Where the liquids have a free surface, rho_ref is 0. The inertial forces of a turn (some
+0.02 m/s^2 at one second a quarter turn) are left out.
 """
 import dataclasses
 
