@@ -33,6 +33,8 @@ class Numerics:
     courant_number: float = parameter(0.3, exclusive_minimum=0.0, maximum=1.0,
                                       meaning="largest displacement per step in particle spacings")
     maximum_time_step: float = parameter(2e-3, unit="s", exclusive_minimum=0.0, meaning="largest time step")
+    time_step: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
+                                        meaning="fixed time step, else the largest stable one")
     minimum_time_step: float = parameter(1e-7, unit="s", exclusive_minimum=0.0,
                                          meaning="the run stops with a diagnosis below this time step")
     wall_layers: int = parameter(3, minimum=2, maximum=4, meaning="layers of wall particles")

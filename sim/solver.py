@@ -156,6 +156,15 @@ class Solver:
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
 
+    def _time_step(self) -> float:
+        """The fixed time step or the largest stable one, s."""
+        stable, fixed = self.stable_time_step(), self.settings.numerics.time_step
+        if fixed is not None and fixed > (1.0 + 1e-6) * stable:
+            raise Divergence(f"step {self.step_count}: the fixed time step of {fixed:.3g} s (numerics.time_step) is "
+                             f"above the largest stable one, {stable:.3g} s; largest speed {self.largest[0]:.3g} m/s, "
+                             f"acceleration {self.largest[1]:.3g} m/s2")
+        return stable if fixed is None else fixed
+
     def timed(self, name, function, *arguments):
         start = time.perf_counter()
         result = function(*arguments)
@@ -180,7 +189,7 @@ class Solver:
         """
         self._largest_values()
         self._check()
-        dt = min(self.stable_time_step(), largest_step)
+        dt = min(self._time_step(), largest_step)
         if dt < self.settings.numerics.minimum_time_step and dt < largest_step:
             raise Divergence(f"step {self.step_count}: the time step fell to {dt:.3g} s, below "
                              f"{self.settings.numerics.minimum_time_step:.3g} s (numerics.minimum_time_step); "
@@ -221,7 +230,8 @@ class Solver:
         """Advance to the time `until`, s, exactly; yields after every step."""
         while self.time < until:
             remaining = until - self.time
-            limit = remaining if self.step_count == 0 else self.stable_time_step()
+            limit = self.settings.numerics.time_step or (
+                remaining if self.step_count == 0 else self.stable_time_step())
             # Equal steps to the end: no sliver of a step before a frame.
             steps = max(1, int(np.ceil(remaining / limit - 1e-9)))
             dt = self.step(remaining / steps)

@@ -46,6 +46,11 @@ class Effect:
     def start(self) -> None:
         """Set this effect's carried fields from the particles, where no checkpoint has them."""
 
+    @classmethod
+    def time_step_limit(cls, parameters, settings) -> float:
+        """Part of `stable_time_step` that follows from the settings alone, known before anything is compiled, s."""
+        return float("inf")
+
     def stable_time_step(self) -> float:
         """Largest stable time step at the present state, s."""
         return float("inf")

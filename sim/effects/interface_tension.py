@@ -79,12 +79,16 @@ class InterfaceTension(Effect):
         self.bin_fill = ti.field(ti.i32, shape=int(np.prod(self.bins)) + 1)
         self.bin_origin = ti.Vector([float(v) for v in self.grid.origin_numpy - self.radius])
 
-    def stable_time_step(self) -> float:
+    @classmethod
+    def time_step_limit(cls, parameters, settings) -> float:
         """Capillary limit sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) (Brackbill et al. 1992)."""
-        if self.coefficient == 0.0:
+        if parameters.coefficient == 0.0:
             return float("inf")
-        density = self.solver.liquids[0].density + self.solver.liquids[1].density
-        return math.sqrt(density * self.spacing**3 / (4.0 * math.pi * self.coefficient))
+        density = settings.liquids[0].density + settings.liquids[1].density
+        return math.sqrt(density * settings.numerics.particle_spacing**3 / (4.0 * math.pi * parameters.coefficient))
+
+    def stable_time_step(self) -> float:
+        return self.time_step_limit(self.parameters, self.solver.settings)
 
     def prepare(self, dt: float) -> None:
         gravity = self.gravity.at(self.solver.time) if self.gravity else np.zeros(self.dimension)

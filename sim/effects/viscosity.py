@@ -35,11 +35,15 @@ class Viscosity(Effect):
         for k, liquid in enumerate(solver.liquids):
             self.viscosity[k] = liquid.dynamic_viscosity
 
-    def stable_time_step(self) -> float:
+    @classmethod
+    def time_step_limit(cls, parameters, settings) -> float:
         """0.125 dx^2 rho / mu of the stiffest liquid."""
-        limits = [0.125 * self.solver.spacing**2 * liquid.density / liquid.dynamic_viscosity
-                  for liquid in self.solver.liquids if liquid.dynamic_viscosity > 0.0]
+        limits = [0.125 * settings.numerics.particle_spacing**2 * liquid.density / liquid.dynamic_viscosity
+                  for liquid in settings.liquids if liquid.dynamic_viscosity > 0.0]
         return min(limits, default=float("inf"))
+
+    def stable_time_step(self) -> float:
+        return self.time_step_limit(self.parameters, self.solver.settings)
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):

@@ -31,6 +31,7 @@ class Scheme:
     fields : particle fields of the scheme; `pressure` and `compression_rate` are two of them, for effects and frames.
     fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
     refuses : effects that it cannot run, with the reason.
+    largest_density_ratio : of two liquids, up to which it was shown to work.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Scheme:
     fields: tuple[Field, ...] = ()
     fills: tuple[str, ...] = ("closed", "open")
     refuses: Mapping[str, str] = MappingProxyType({})
+    largest_density_ratio: float = float("inf")
 
     def __init__(self, solver):
         self.solver = solver
@@ -50,6 +52,11 @@ class Scheme:
         for name in ("position", "velocity", "acceleration", "volume", "mass", "phase",
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
+
+    @classmethod
+    def time_step_limit(cls, settings) -> float:
+        """Part of `stable_time_step` that follows from the settings alone, known before anything is compiled, s."""
+        return float("inf")
 
     def measure(self) -> None:
         """Compute what depends on positions only, once neighbor rows are known: at least `compression_rate`."""
