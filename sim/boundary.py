@@ -1,8 +1,10 @@
-"""Wall particles: static, in layers outside the surface of the cavity, sorted once."""
+"""Wall particles: static, in layers outside the surface of the cavity, sorted once; and the last stop at the wall."""
 import numpy as np
 import taichi as ti
 
 from sim.runtime import real, real_numpy
+
+WALL_CLEARANCE = 0.1  # smallest distance of a particle to the wall's surface, in particle spacings
 
 
 @ti.data_oriented
@@ -27,3 +29,46 @@ class Walls:
             self.position.from_numpy(position.astype(real_numpy()))
             self.volume.from_numpy(volume.astype(real_numpy()))
             self.depth.from_numpy(depth.astype(real_numpy()))
+
+
+@ti.data_oriented
+class WallStop:
+    """Last resort at the wall: a particle that the pressure has not stopped is set back and its approach is taken.
+
+    Parameters
+    ----------
+    distance : signed distance of the cavity.
+    particle_spacing : m.
+    count : number of liquid particles.
+    contact : integer field, set to 1 where the wall stopped the particle in this step.
+    """
+
+    def __init__(self, distance, particle_spacing: float, count, contact):
+        self.distance, self.count, self.contact = distance, count, contact
+        self.clearance = WALL_CLEARANCE * particle_spacing
+        self.contacts = ti.field(ti.i32, shape=())
+
+    @ti.func
+    def stopped(self, i, x, v):
+        """Position and velocity of particle i after the wall."""
+        overlap = self.distance.value(x) + self.clearance
+        self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
+        if overlap > 0.0:
+            normal = self.distance.normal(x)
+            x -= overlap * normal
+            v -= ti.max(v.dot(normal), 0.0) * normal
+        return x, v
+
+    @ti.kernel
+    def _sum(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = 0
+            for i in range(self.count[None]):
+                total += self.contact[i]
+            self.contacts[None] = total
+
+    def total(self) -> int:
+        """Number of particles that the wall stopped in this step."""
+        self._sum()
+        return self.contacts[None]

@@ -58,3 +58,24 @@ class CubicSpline:
 
 
 KERNELS = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
+
+
+@ti.kernel
+def _lattice_sum(kernel: ti.template(), spacing: float, reach: int, dimension: ti.template()) -> float:
+    total = 0.0
+    side = 2 * reach + 1
+    ti.loop_config(serialize=True)
+    for n in range(side**dimension):
+        rest = n
+        r2 = 0.0
+        for _ in ti.static(range(dimension)):
+            r2 += float(rest % side - reach) ** 2
+            rest = rest // side
+        total += kernel.value(spacing * ti.sqrt(r2))
+    return total * spacing**dimension
+
+
+def lattice_sum(kernel, spacing: float, dimension: int) -> float:
+    """Return the compression rate of a liquid at rest: the sum of V W over a square or cubic lattice."""
+    reach = math.ceil(kernel.support_radius / spacing)
+    return _lattice_sum(kernel, spacing, reach, dimension)

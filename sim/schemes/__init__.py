@@ -1,4 +1,5 @@
 """The schemes: pressure and time integration, one file each."""
 from sim.schemes.volume_incompressible import VolumeIncompressible
+from sim.schemes.wcsph import WCSPH
 
-REGISTRY = {scheme.name: scheme for scheme in (VolumeIncompressible,)}
+REGISTRY = {scheme.name: scheme for scheme in (VolumeIncompressible, WCSPH)}
