@@ -51,6 +51,14 @@ def stage_digest(stage: str, scene: Scene | None = None) -> str:
     return digest.hexdigest()[:16]
 
 
+def call_digest(module: str, chosen: Iterable[str], values: object) -> str:
+    """Return the digest of a call of ``module`` with ``values`` (plain data), with the chosen effects and schemes."""
+    digest = hashlib.sha256(json.dumps(values, sort_keys=True).encode())
+    for path in modules_used(module, chosen):
+        digest.update(f"{path.relative_to(ROOT)}\n{_meaning(path)}\n".encode())
+    return digest.hexdigest()[:16]
+
+
 def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
     """Return the files of this project that ``module`` imports, directly or not, sorted by path.
 
@@ -111,8 +119,12 @@ def _meaning(path: Path) -> str:
 
 
 def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
-    """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid."""
+    """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid.
+
+    Parameters of schemes that are not chosen are not read by any stage.
+    """
     values = json.loads(json.dumps(dataclasses.asdict(scene)))
+    values["schemes"] = values["schemes"].get(scene.numerics.scheme)
     for key in unread:
         first, _, second = key.partition(".")
         if not second:

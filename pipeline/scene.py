@@ -81,7 +81,7 @@ class _Resolver:
         if not isinstance(accuracy, str) or accuracy not in levels:
             raise UserError(f"{where} is {describe(accuracy)}, but must be one of {', '.join(levels)}"
                             f"{nearest(accuracy, levels)}")
-        self.accuracy, self.numerics = accuracy, levels[accuracy]
+        self.accuracy, self.levels = accuracy, levels
 
     def resolve(self, path: Path, chain: tuple[Path, ...] = ()) -> Scene:
         """Return the scene in ``path``.
@@ -112,14 +112,27 @@ class _Resolver:
         parts = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:
             parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
-        parts["numerics"] = reader.record(Numerics, data.get("numerics", {}), ("numerics",), self.numerics)
+        level = self._read_level(data.get("levels", {}), reader)
+        parts["numerics"] = reader.record(Numerics, data.get("numerics", {}), ("numerics",), level)
         for field in dataclasses.fields(Scene):
             if field.name not in parts:
                 parts[field.name] = reader.field(field, data.get(field.name, dataclasses.MISSING), (field.name,))
         parts = {name: value for name, value in parts.items() if value is not FAILED}
-        if parts.get("liquids") and parts.get("initial") == Initial():
+        if "container" in data and "eye" not in data:
+            parts["eye"] = None
+        elif "container" not in data and parts.get("liquids") and parts.get("initial") == Initial():
             parts["initial"] = Initial(liquid=parts["liquids"][0].name)
         return parts
+
+    def _read_level(self, data: Any, reader: Reader) -> Numerics:
+        """Return the numerics of the chosen accuracy level with what the scene changes of it under ``levels``."""
+        changed = {}
+        if reader.is_mapping(data, ("levels",)):
+            reader.refuse_unknown(data, self.levels, ("levels",))
+            changed = {name: reader.record(Numerics, data[name], ("levels", name), level)
+                       for name, level in self.levels.items() if name in data}
+        level = changed.get(self.accuracy)
+        return level if isinstance(level, Numerics) else self.levels[self.accuracy]
 
     def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
         """Collect the errors of the scene that this one starts from, or of what they should have in common."""

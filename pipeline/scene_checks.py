@@ -13,8 +13,10 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pipeline import container_checks
+from pipeline.container_checks import MOST_PARTICLES
 from pipeline.eye_shape import eye_shape
-from pipeline.scene_model import Eye, Initial, Material, Output, Scene
+from pipeline.scene_model import Container, Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
 from sim.effects import REGISTRY
 from sim.settings import Numerics
@@ -30,11 +32,10 @@ CONFLICTS = (
 )
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
 MOST_FRAMES = 100_000
-MOST_PARTICLES = 5e7  # the fields of so many fill about 20 GB
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 
 
-_CHECKS: list[Callable[..., Found]] = []
+_CHECKS: list[Callable[..., Found]] = list(container_checks.CHECKS)
 
 
 def _check(function: Callable[..., Found]) -> Callable[..., Found]:
@@ -56,9 +57,14 @@ _SAME_AS_START: dict[Key, Callable[[Mapping], object]] = {
     ("dimension",): lambda parts: parts["dimension"],
     ("liquids",): lambda parts: ", ".join(liquid.name for liquid in parts["liquids"]),
     ("numerics", "particle_spacing"): lambda parts: f"{1e3 * parts['numerics'].particle_spacing:.9g} mm",
-    **{("eye", field.name): lambda parts, name=field.name: getattr(parts["eye"], name)
+    **{("eye", field.name): lambda parts, name=field.name: getattr(parts["eye"], name, "no eye")
        for field in dataclasses.fields(Eye)},
+    ("container",): lambda parts: _box_in_words(parts["container"]),
 }
+
+
+def _box_in_words(container: Container | None) -> str:
+    return "no container" if container is None else f"{' x '.join(f'{side:g}' for side in container.size)} m"
 
 
 def check_start(parts: Mapping[str, object], start: Scene) -> Found:
@@ -130,10 +136,10 @@ def _injection_exchanges(effects: dict) -> Found:
 
 
 @_check
-def _injection_is_in_the_eye(effects: dict, eye: Eye, dimension: int) -> Found:
+def _injection_is_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Found:
     # The voxelize stage asks again, for a user's mesh too; here nothing is made, so nothing can be lost.
     injection = effects.get("injection")
-    if not injection or eye.model != "parametric" or dimension != 3:
+    if not injection or eye is None or eye.model != "parametric" or dimension != 3:
         return
     shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
                       vertical_diameter=eye.vertical_diameter)
@@ -183,7 +189,9 @@ def _level_needs_gravity(initial: Initial, effects: dict) -> Found:
 
 
 @_check
-def _eye_is_one_model(eye: Eye) -> Found:
+def _eye_is_one_model(eye: Eye | None) -> Found:
+    if eye is None:
+        return
     if eye.model == "mesh" and eye.path is None:
         yield ("eye", "path"), "is missing, but an eye of model mesh must name its mesh file"
     if eye.model == "parametric" and eye.path is not None:
@@ -191,8 +199,8 @@ def _eye_is_one_model(eye: Eye) -> Found:
 
 
 @_check
-def _spacing_fits_eye(eye: Eye, numerics: Numerics, dimension: int) -> Found:
-    if eye.model != "parametric":
+def _spacing_fits_eye(eye: Eye | None, numerics: Numerics, dimension: int) -> Found:
+    if eye is None or eye.model != "parametric":
         return
     spacings = eye.axial_length / numerics.particle_spacing
     count = spacings**dimension * math.pi / (2 * dimension)  # a disc or a ball of that diameter

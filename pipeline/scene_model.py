@@ -5,6 +5,7 @@ import math
 
 from sim.effects import REGISTRY
 from sim.parameters import parameter
+from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
 
 LENSES = ("phakic", "pseudophakic", "aphakic")
@@ -29,6 +30,29 @@ class Eye:
 
 
 @dataclasses.dataclass(frozen=True)
+class Container:
+    """The cavity: a rectangular box with closed walls, its lower corner at the origin; y is up."""
+
+    size: tuple[float, ...] = parameter(unit="m", exclusive_minimum=0.0, maximum=1000.0,
+                                        meaning="inner sides along x, y and, in three dimensions, z")
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """A rectangular block of one liquid at the start."""
+
+    liquid: str = parameter(liquid=True, meaning="liquid of the block")
+    lower: tuple[float, ...] = parameter(unit="m", meaning="corner with the smallest coordinates; the container's is 0")
+    upper: tuple[float, ...] = parameter(unit="m", meaning="corner with the largest coordinates")
+    velocity: tuple[float, ...] = parameter((), unit="m/s", meaning="velocity at the start; at rest without it")
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """Length along every axis, m."""
+        return tuple(high - low for low, high in zip(self.lower, self.upper, strict=False))
+
+
+@dataclasses.dataclass(frozen=True)
 class Material(Liquid):
     """A named liquid of ``config/materials.yaml`` with the scene's changes."""
 
@@ -38,7 +62,7 @@ class Material(Liquid):
 
 @dataclasses.dataclass(frozen=True)
 class Initial:
-    """What fills the cavity at t = 0: one liquid, or several stacked level, the lightest on top."""
+    """What fills the whole cavity at t = 0: one liquid, or several stacked level, the lightest on top."""
 
     liquid: str | None = parameter(None, liquid=True, meaning="liquid that fills the cavity, else the first liquid")
     fill: dict[str, float] | None = parameter(None, liquid=True, exclusive_minimum=0.0, maximum=1.0,
@@ -70,14 +94,25 @@ class Scene:
     accuracy: str = parameter(meaning="accuracy level that gave the numerics")
     dimension: int = parameter(3, minimum=2, maximum=3, meaning="dimensions of space")
     start_from: str | None = parameter(None, meaning="scene whose last checkpoint is the start")
-    eye: Eye = parameter(Eye(), meaning="the cavity")
+    eye: Eye | None = parameter(Eye(), meaning="the cavity, unless it is a container")
+    container: Container | None = parameter(None, meaning="rectangular cavity in place of an eye")
     liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
     initial: Initial = parameter(Initial(), meaning="what fills the cavity at the start")
+    blocks: tuple[Block, ...] = parameter((), meaning="blocks of liquid in a container at the start, not with initial")
     effects: dict[str, object] = dataclasses.field(
         default_factory=dict,
         metadata={"meaning": "physics beside pressure", "kinds": {n: e.Parameters for n, e in REGISTRY.items()}})
+    schemes: dict[str, object] = dataclasses.field(
+        default_factory=dict,
+        metadata={"meaning": "parameters of schemes; only those of numerics.scheme are used",
+                  "kinds": {n: s.Parameters for n, s in SCHEMES.items()}})
     numerics: Numerics = parameter(meaning="how the equations are solved")
     output: Output = parameter(meaning="what is saved and drawn")
+
+    @property
+    def closed(self) -> bool:
+        """Whether the liquids fill the cavity completely, so that there is no free surface."""
+        return is_closed(self.container, self.blocks)
 
     @property
     def frame_count(self) -> int:
@@ -100,12 +135,21 @@ class Scene:
     def settings(self) -> Settings:
         """Return what the solver needs: no names of files, no pictures."""
         liquids = tuple(Liquid(liquid.name, liquid.density, liquid.dynamic_viscosity) for liquid in self.liquids)
-        return Settings(self.dimension, liquids, self.numerics, tuple(self.effects.values()))
+        return Settings(self.dimension, liquids, self.numerics, tuple(self.effects.values()), self.closed,
+                        self.schemes.get(self.numerics.scheme))
 
     def to_json(self) -> str:
         """Return the scene as JSON text, the same text for the same scene."""
         return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False) + "\n"
 
 
+def is_closed(container: Container | None, blocks: tuple[Block, ...]) -> bool:
+    """Tell whether blocks that neither overlap nor reach outside fill a cavity; without blocks one liquid does."""
+    if container is None or not blocks:
+        return True
+    return math.isclose(sum(math.prod(block.sides) for block in blocks), math.prod(container.size), rel_tol=1e-9)
+
+
 # What a scene file may say: its name is that of the file, and the accuracy is chosen for a run, not for a scene.
-SCENE_KEYS = ("extends", *(field.name for field in dataclasses.fields(Scene) if field.name not in ("name", "accuracy")))
+SCENE_KEYS = ("extends", "levels",
+              *(field.name for field in dataclasses.fields(Scene) if field.name not in ("name", "accuracy")))

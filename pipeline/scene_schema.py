@@ -9,6 +9,7 @@ from typing import Any
 from pipeline.scene_model import SCENE_KEYS, Material, Scene
 from pipeline.scene_reader import allowed_range
 from sim.effects import REGISTRY
+from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
 _BOUNDS = {"minimum": "minimum", "maximum": "maximum", "exclusive_minimum": "exclusiveMinimum"}
@@ -21,6 +22,9 @@ def schema_text(materials: Mapping[str, Material]) -> str:
     """
     properties = {field.name: _field_schema(field, list(materials)) for field in dataclasses.fields(Scene)}
     properties["extends"] = {"type": "string", "description": "scene of this folder that this one varies"}
+    properties["levels"] = {
+        "description": "numerics that this scene changes of an accuracy level, by its name",
+        "type": "object", "additionalProperties": _or_null(_record_schema(Numerics, list(materials)))}
     change = _record_schema(Material, list(materials))
     del change["properties"]["name"]
     properties["liquids"] = {
@@ -41,11 +45,15 @@ def schema_text(materials: Mapping[str, Material]) -> str:
 
 
 def list_text(materials: Mapping[str, Material], levels: Mapping[str, Numerics]) -> str:
-    """Return effects with their parameters, liquids and accuracy levels, in words."""
+    """Return effects and schemes with their parameters, liquids and accuracy levels, in words."""
     lines = ["Effects"]
     for name, effect in REGISTRY.items():
         lines += [f"  {name}", f"    {_first_line(effect.Parameters)}"]
         lines += [f"      {line}" for line in _field_lines(effect.Parameters)]
+    lines += ["", "Schemes"]
+    for name, scheme in SCHEMES.items():
+        lines += [f"  {name}", f"    {_first_line(scheme.Parameters)}"]
+        lines += [f"      {line}" for line in _field_lines(scheme.Parameters)]
     lines += ["", "Numerics"] + [f"  {line}" for line in _field_lines(Numerics)]
     lines += ["", "Accuracy levels"]
     lines += [f"  {name}: particle spacing {1000 * level.particle_spacing:g} mm" for name, level in levels.items()]

@@ -85,8 +85,8 @@ class Workflow:
 
     def mesh(self, name: str) -> list[str]:
         """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
-        path = self.scene(name).eye.path
-        return [path] if path else []
+        eye = self.scene(name).eye
+        return [eye.path] if eye is not None and eye.path else []
 
     def depends(self, stage: str):
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
