@@ -1,4 +1,4 @@
-"""Stage: the closed surface of the vitreous cavity, parametric or from a user's mesh."""
+"""Stage: the closed surface of the cavity: a parametric eye, a user's mesh, or a container."""
 import argparse
 import json
 import time
@@ -15,7 +15,7 @@ from pipeline.eye_shape import eye_mesh, eye_shape, published_volume
 from pipeline.files import replacing, write_text
 from pipeline.mesh_import import MeshRefused, import_mesh
 from pipeline.scene import load_resolved
-from pipeline.scene_model import Eye
+from pipeline.scene_model import Container, Eye
 from pipeline.vtk_files import write_vtk
 
 
@@ -39,6 +39,19 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
     imported = import_mesh(eye.path, eye.unit, eye.force)
     return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
+
+
+def write_container(container: Container, path: Path) -> dict:
+    """Write the surface of a container in m, in two dimensions its outline, and return the report, in SI units."""
+    size = np.array(container.size)
+    if len(size) == 3:
+        mesh = trimesh.creation.box(bounds=(np.zeros(3), size))
+        write_mesh(mesh, path)
+        return report_of(mesh, {"model": "container", "size": size.tolist()})
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [*size, 0.0]
+    with replacing(path) as temporary:
+        write_vtk(pyvista.PolyData(corners, lines=[5, 0, 1, 2, 3, 0]), temporary)
+    return {"model": "container", "size": size.tolist(), "area": float(size.prod()), "length": float(2 * size.sum())}
 
 
 def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
@@ -83,8 +96,14 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     picture = options.picture or options.report.with_name("eye_defects.png")
     start = time.perf_counter()
+    scene = load_resolved(options.scene)
+    if scene.container is not None:
+        report = write_container(scene.container, options.output) | {"seconds": time.perf_counter() - start}
+        write_text(options.report, json.dumps(report, indent=2) + "\n")
+        print(f"container of {' x '.join(f'{side:g}' for side in scene.container.size)} m")
+        return
     try:
-        mesh, source = cavity_mesh(load_resolved(options.scene).eye)
+        mesh, source = cavity_mesh(scene.eye)
     except MeshRefused as refused:
         raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
     report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}

@@ -9,11 +9,14 @@ from pipeline.signed_distance import SignedDistance
 
 
 def initial_arrays(fluid_position: np.ndarray, walls: dict[str, np.ndarray], distance: SignedDistance,
-                   cavity_volume: float, particle_spacing: float) -> dict[str, np.ndarray]:
-    """Arrays of ``initial.npz``; the liquid particles share the volume of the cavity exactly."""
+                   cavity_volume: float, particle_spacing: float,
+                   fluid_volume: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Arrays of ``initial.npz``; without volumes (n,) of their own the particles share that of the cavity exactly."""
     count, dimension = fluid_position.shape
+    if fluid_volume is None:
+        fluid_volume = np.full(count, cavity_volume / count)
     return {
-        "fluid_position": fluid_position, "fluid_volume": np.full(count, cavity_volume / count), **walls,
+        "fluid_position": fluid_position, "fluid_volume": fluid_volume, **walls,
         "sdf_values": distance.values, "sdf_origin": distance.origin, "sdf_cell": np.float64(distance.cell),
         "cavity_volume": np.float64(cavity_volume), "particle_spacing": np.float64(particle_spacing),
         "dimension": np.int64(dimension),

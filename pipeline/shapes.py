@@ -3,6 +3,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.container import box_arrays
 from pipeline.initial import initial_arrays
 from pipeline.lattice import deepest_points
 from pipeline.signed_distance import distance_of_function
@@ -75,15 +76,4 @@ def _box_arrays(sides: np.ndarray, spacing: float, dimension: int, layers: int) 
     if counts.min() < 1 or not np.allclose(counts * spacing, sides, rtol=1e-6):
         raise ValueError(f"sides {sides.tolist()} must be whole numbers of the spacing {spacing}")
 
-    def distance_to_box(points):
-        outside = np.abs(points) - 0.5 * sides
-        return np.linalg.norm(np.maximum(outside, 0.0), axis=-1) + np.minimum(outside.max(axis=-1), 0.0)
-
-    axes = [(np.arange(-layers, count + layers) + 0.5) * spacing - 0.5 * count * spacing for count in counts]
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dimension)
-    depth = distance_to_box(lattice)
-    wall = depth > 0.0
-    walls = {"wall_position": lattice[wall], "wall_volume": np.full(wall.sum(), spacing**dimension),
-             "wall_distance": depth[wall]}
-    distance = distance_of_function(distance_to_box, -0.5 * sides, 0.5 * sides, 0.5 * spacing, (layers + 2) * spacing)
-    return initial_arrays(lattice[~wall], walls, distance, float(np.prod(sides)), spacing)
+    return box_arrays((-0.5 * sides, 0.5 * sides), [(-0.5 * sides, 0.5 * sides)], spacing, layers)

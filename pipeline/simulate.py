@@ -1,5 +1,6 @@
 """Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,11 @@ from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpo
 from pipeline.initial import load_initial
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
+from pipeline.scene_model import Block
 
 
 def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Liquid of every particle at t = 0: one liquid, or several stacked level, the heaviest at the bottom.
+    """Liquid of every particle at t = 0: that of its block, or one liquid, or several stacked level, heavy ones below.
 
     Parameters
     ----------
@@ -25,6 +27,8 @@ def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.n
     (n,) phase indices; volumes are met to one particle.
     """
     names = [liquid.name for liquid in scene.liquids]
+    if scene.blocks:
+        return of_blocks(position, scene.blocks, [names.index(block.liquid) for block in scene.blocks])
     if scene.initial.fill is None:
         return np.full(len(position), names.index(scene.initial.liquid or names[0]))
     fill = {names.index(name): value for name, value in scene.initial.fill.items()}
@@ -39,6 +43,21 @@ def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.n
     return phases
 
 
+def of_blocks(position: np.ndarray, blocks: Sequence[Block], values: Sequence) -> np.ndarray:
+    """Value (n, ...) of the block in which every particle lies; particles are (n, d), m."""
+    chosen = np.full(len(position), -1)
+    for index, block in enumerate(blocks):
+        chosen[((position > block.lower) & (position < block.upper)).all(axis=1)] = index
+    return np.asarray(values)[chosen]
+
+
+def initial_velocity(scene: Scene, position: np.ndarray) -> np.ndarray:
+    """Velocity (n, d) of every particle at t = 0: that of its block, else rest; m/s."""
+    if not scene.blocks:
+        return np.zeros_like(position)
+    return of_blocks(position, scene.blocks, [block.velocity or (0.0,) * scene.dimension for block in scene.blocks])
+
+
 def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
     """Solver of a scene at t = 0; Taichi must run already."""
     from sim.effects.gravity import POSTURES
@@ -50,6 +69,7 @@ def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
     phases = initial_phases(scene, position, np.array(posture[: position.shape[1]]))
     return Solver(
         scene.settings(), fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
+        fluid_velocity=initial_velocity(scene, position),
         wall_position=initial["wall_position"], wall_volume=initial["wall_volume"],
         wall_depth=initial["wall_distance"], sdf_values=initial["sdf_values"], sdf_origin=initial["sdf_origin"],
         sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"])
@@ -123,8 +143,8 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
                     bar.update(dt / (until - begin))
             except (RunError, OverflowError) as error:
                 raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: {error}; "
-                                "the last checkpoint is kept, try a smaller numerics.courant_number "
-                                "or numerics.maximum_time_step"
+                                "the last checkpoint is kept, try a smaller numerics.courant_number, "
+                                "numerics.maximum_time_step or, if given, numerics.time_step"
                                 ) from error
             if index == 0:
                 solver.prepare_output()

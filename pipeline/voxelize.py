@@ -1,4 +1,4 @@
-"""Stage: from the closed surface of the cavity to liquid particles, wall particles and a signed distance grid."""
+"""Stage: from the surface of the cavity to liquid particles, wall particles and a signed distance grid."""
 import argparse
 import json
 import time
@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from pipeline import container
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.eye import read_mesh
@@ -118,19 +119,26 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.voxelize", description=__doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
-    parser.add_argument("mesh", type=Path, help="surface of the cavity (eye.vtp)")
+    parser.add_argument("mesh", type=Path, help="surface of the cavity (eye.vtp); a container is known without it")
     parser.add_argument("--output", type=Path, required=True, help="arrays to write (initial.npz)")
     parser.add_argument("--report", type=Path, required=True, help="report to write (voxelize.json)")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
-    arrays, report = voxelize(load_resolved(options.scene), read_mesh(options.mesh), str(options.scene))
+    scene = load_resolved(options.scene)
+    if scene.container is None:
+        arrays, report = voxelize(scene, read_mesh(options.mesh), str(options.scene))
+        filled = f"{100 * report['relative_volume_error']:+.2f} % of the mesh"
+    else:
+        arrays = container.container_arrays(scene)
+        report = container.report_of(arrays)
+        filled = f"{100 * report['filled']:.4g} % of the container"
     with replacing(options.output) as temporary:
         np.savez(temporary, **arrays)
     report["seconds"] = time.perf_counter() - start
     write_text(options.report, json.dumps(report, indent=2) + "\n")
-    print(f"{report['fluid_particles']} liquid and {report['wall_particles']} wall particles, liquid volume "
-          f"{100 * report['relative_volume_error']:+.2f} % of the mesh, {report['seconds']:.1f} s")
-    if abs(report["relative_volume_error"]) > LARGEST_VOLUME_ERROR:
+    print(f"{report['fluid_particles']} liquid and {report['wall_particles']} wall particles, liquid volume {filled}, "
+          f"{report['seconds']:.1f} s")
+    if abs(report.get("relative_volume_error", 0.0)) > LARGEST_VOLUME_ERROR:
         print(f"warning: the liquid volume is more than {100 * LARGEST_VOLUME_ERROR:.0f} % off, a smaller "
               "numerics.particle_spacing resolves the shape better")
 
