@@ -2,6 +2,7 @@
 
     snakemake -j2 all                                       the scenes of config/config.yaml
     snakemake -j2 outputs/<scene>/movie.mp4                 any scene of config/scenes
+    snakemake -j2 validation                                a study of config/studies: table, figures, page
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]'
     snakemake -j2 -R render                                 a stage once more
     snakemake --report report.html                          one page to read and to pass on
@@ -191,3 +192,6 @@ rule metrics:
     shell:
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
+
+
+include: "rules/studies.smk"

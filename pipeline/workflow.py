@@ -121,7 +121,7 @@ class Workflow:
 
     def repeat_errors(self) -> None:
         """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
-        for log in sorted(OUTPUTS.glob("*/logs/*.log")):
+        for log in sorted([*OUTPUTS.glob("*/logs/*.log"), *OUTPUTS.glob("studies/*/logs/*.log")]):
             if log.stat().st_mtime >= self._begin:
                 for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
                     if line.startswith("error: "):

@@ -39,7 +39,7 @@ class Project:
     """A copy of the project: its own configuration and outputs, the code itself linked."""
 
     LINKED = ("pipeline", "sim", "docs")
-    COPIED = ("config", "profiles", "Snakefile")
+    COPIED = ("config", "profiles", "rules", "Snakefile")
 
     def __init__(self, folder: Path):
         self.folder = folder

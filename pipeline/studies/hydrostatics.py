@@ -1,0 +1,100 @@
+"""T1 and T17: two layers at rest under gravity, the light one on top.
+
+The pressure is the weight of what lies above: p = rho_2 g (H - y) in the light layer, and a kink at the interface.
+A closed cavity knows it up to a constant, which is taken from its mean. With the ratio the pressure solve becomes
+harder (T17): the iterations per step are compared with those of the ratio 1:1.
+"""
+import dataclasses
+
+import numpy as np
+
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, observed_order
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field, motion
+from sim.parameters import parameter
+from sim.settings import Liquid
+
+EFFECTS = ("gravity", "viscosity_implicit")
+GRAVITY = 9.81
+HEIGHT = 0.02  # m, the size of an eye
+HEAVY = 1000.0  # kg/m^3
+FIGURES = (
+    Figure("hydrostatics_error", "T1: pressure of two layers at rest", "particle spacing / height",
+           "root mean square of the pressure error / (rho g H)", logarithmic=True),
+    Figure("hydrostatics_profile", "T1: pressure at the finest resolution", "pressure / (rho g H)", "height / H"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """Two layers in a closed cavity."""
+
+    cavity: str = parameter("box", choices=("box", "circle"), meaning="shape of the closed cavity")
+    density_ratio: float = parameter(0.5, exclusive_minimum=0.0, maximum=1.0, meaning="light over heavy density")
+    viscosity: float = parameter(1e-3, unit="Pa*s", minimum=0.0, meaning="viscosity of the light liquid")
+    rest_times: float = parameter(10.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
+    pressure_tolerance: float = parameter(0.02, exclusive_minimum=0.0, meaning="allowed error over rho g H")
+    speed_tolerance: float = parameter(1e-3, exclusive_minimum=0.0, meaning="allowed speed over sqrt(g H)")
+
+
+def run(case: Parameters) -> Outcome:
+    """Measure pressure error, speed and iterations at every resolution, and the observed order."""
+    outcome, errors = Outcome(), []
+    name = f"{case.scheme} {case.cavity} 1:{case.density_ratio:g}"
+    for index, resolution in enumerate(case.resolutions):
+        result = _settle(case, resolution, f"n={resolution}")
+        error, speed = _pressure_error(case, result), result.values("speed")[-1] / np.sqrt(GRAVITY * HEIGHT)
+        errors.append(error)
+        asked = index > 0  # the coarse run is there for the order only
+        common = {"at": result.label, "wall_s": result.wall_s}
+        outcome.rows += [bounded("pressure error / (rho g H)", error, case.pressure_tolerance if asked else None,
+                                 **common),
+                         bounded("rms speed at the end / sqrt(g H)", speed, case.speed_tolerance if asked else None,
+                                 **common), *result.rows()]
+        outcome.remarks += result.remarks(name)
+    spacings = [1.0 / resolution for resolution in case.resolutions]
+    outcome.rows.append(Row("observed order of the pressure error", observed_order(spacings, errors)))
+    outcome.curves.append(Curve("hydrostatics_error", name, spacings, errors))
+    if not result.failure:
+        outcome.curves += _profile(case, result, name)
+    return outcome
+
+
+def _settle(case: Parameters, resolution: int, label: str) -> Run:
+    spacing = HEIGHT / resolution
+    size = (0.5 * HEIGHT, HEIGHT) if case.cavity == "box" else 0.5 * HEIGHT
+    arrays = cavity(case.cavity, size, spacing, support_ratio=case.support_ratio)
+    liquids = (Liquid("heavy", HEAVY, 1e-3), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
+    solver = build(case, arrays, liquids=liquids, phase=lambda x: x[:, 1] > 0.0,
+                   effects={"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {}})
+    return advance(solver, case.rest_times * np.sqrt(HEIGHT / GRAVITY), label, motion)
+
+
+def exact_pressure(density_ratio: float, height: np.ndarray) -> np.ndarray:
+    """Pressure over rho g H of two layers that meet at height 0, zero there; heights over H."""
+    return -np.where(height < 0.0, height, density_ratio * height)
+
+
+def _pressures(case: Parameters, result: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heights over H, pressures over rho g H, shifted to the mean of the exact ones, and these."""
+    state = result.solver.snapshot()
+    height = state["position"][:, 1] / HEIGHT
+    exact = exact_pressure(case.density_ratio, height)
+    pressure = state["pressure"].astype(float) / (HEAVY * GRAVITY * HEIGHT)
+    return height, pressure - (pressure - exact).mean(), exact
+
+
+def _pressure_error(case: Parameters, result: Run) -> float:
+    if result.failure:
+        return np.nan
+    _, pressure, exact = _pressures(case, result)
+    return float(np.sqrt(((pressure - exact) ** 2).mean()))
+
+
+def _profile(case: Parameters, result: Run, name: str) -> list[Curve]:
+    height, pressure, _ = _pressures(case, result)
+    line = np.array([height.min(), 0.0, height.max()])
+    near = np.abs(field(result.solver, "position")[:, 0]) < 0.75 * HEIGHT / case.resolutions[-1]
+    near = near[np.argsort(result.solver.particles.to_numpy("id"))]  # as the snapshot is sorted
+    return [Curve("hydrostatics_profile", name, pressure[near], height[near]),
+            Curve("hydrostatics_profile", f"exact 1:{case.density_ratio:g}",
+                  exact_pressure(case.density_ratio, line), line, "reference")]

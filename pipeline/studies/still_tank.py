@@ -1,0 +1,66 @@
+"""T2: a tank that starts at rest stays at rest, for a long time and without any viscosity too.
+
+Noise of the particles may neither heat the liquid nor carry its center of mass away.
+"""
+import dataclasses
+
+import numpy as np
+
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, observed_order
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, motion
+from sim.parameters import parameter
+from sim.settings import Liquid
+
+EFFECTS = ("gravity", "viscosity_implicit")
+GRAVITY = 9.81
+HEIGHT = 0.02  # m
+HEAVY = 1000.0  # kg/m^3
+FIGURES = (
+    Figure("still_tank_speed", "T2: motion of a still tank", "time / sqrt(H/g)", "log10 of rms speed / sqrt(g H)"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """Two layers at rest in a closed box."""
+
+    density_ratio: float = parameter(0.965, exclusive_minimum=0.0, maximum=1.0, meaning="light over heavy density")
+    viscosity: float = parameter(0.0, unit="Pa*s", minimum=0.0, meaning="viscosity of both liquids")
+    rest_times: float = parameter(20.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
+    start: str = parameter("regular", choices=("regular", "packed"), meaning="lattice, or packed from disorder")
+    speed_tolerance: float = parameter(1e-3, exclusive_minimum=0.0, meaning="allowed speed over sqrt(g H)")
+
+
+def run(case: Parameters) -> Outcome:
+    """Measure the largest speed of the second half, the energy and the drift, at every resolution."""
+    outcome, speeds = Outcome(), []
+    name = f"{case.scheme} 1:{case.density_ratio:g} {case.viscosity:g} Pa s {case.start}"
+    for resolution in case.resolutions:
+        result = _rest(case, resolution)
+        late = result.values("time") > 0.5 * result.until if not result.failure else slice(None)
+        speed = result.values("speed")[late].max() / np.sqrt(GRAVITY * HEIGHT)
+        mass = HEAVY * 0.25 * HEIGHT**2 * (1.0 + case.density_ratio)
+        energy = result.values("kinetic_energy")[late].max() / (mass * GRAVITY * HEIGHT)
+        drift = np.abs(result.values("height") - result.values("height")[0]).max() * resolution / HEIGHT
+        speeds.append(speed)
+        common = {"at": result.label, "wall_s": result.wall_s}
+        outcome.rows += [bounded("rms speed / sqrt(g H), second half", speed, case.speed_tolerance, **common),
+                         bounded("kinetic energy / (m g H), second half", energy, 1e-5, **common),
+                         bounded("drift of the center of mass / spacing", drift, 0.1, **common), *result.rows()]
+        outcome.remarks += result.remarks(name)
+        if not result.failure:
+            shown = slice(1, None, max(1, len(result.history["time"]) // 400))
+            outcome.curves.append(Curve(
+                "still_tank_speed", f"{name} {result.label}", result.history["time"][shown] / np.sqrt(HEIGHT / GRAVITY),
+                np.log10(np.maximum(result.history["speed"][shown] / np.sqrt(GRAVITY * HEIGHT), 1e-12)), "line"))
+    outcome.rows.append(Row("observed order of the speed", observed_order([1.0 / n for n in case.resolutions], speeds)))
+    return outcome
+
+
+def _rest(case: Parameters, resolution: int) -> Run:
+    arrays = cavity("box", (0.5 * HEIGHT, HEIGHT), HEIGHT / resolution, start=case.start,
+                    support_ratio=case.support_ratio)
+    liquids = (Liquid("heavy", HEAVY, case.viscosity), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
+    effects = {"gravity": {"magnitude": GRAVITY}} | ({"viscosity_implicit": {}} if case.viscosity else {})
+    solver = build(case, arrays, liquids=liquids, effects=effects, phase=lambda x: x[:, 1] > 0.0)
+    return advance(solver, case.rest_times * np.sqrt(HEIGHT / GRAVITY), f"n={resolution}", motion)

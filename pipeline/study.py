@@ -1,0 +1,71 @@
+"""Run the cases of a study: an answer that takes several runs.
+
+    python -m pipeline.study validation --list                 what there is
+    python -m pipeline.study validation                        every case, the table and the figures
+    python -m pipeline.study validation --case CASE --output DIR    one case, as Snakemake calls it
+"""
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from pipeline.cli import run
+from pipeline.files import replacing_folder
+from pipeline.study_model import Outcome
+from pipeline.study_plan import Case, load_study, study_names
+from pipeline.study_report import write_study
+
+OUTPUTS = Path("outputs/studies")
+
+
+def run_case(case: Case) -> Outcome:
+    """Run one case and return what it measured, every row with the seconds it took."""
+    from sim.runtime import initialize
+
+    initialize("f64")  # a reference is compared with: rounding must not be what is measured
+    begin = time.perf_counter()
+    outcome = case.family.run(case.parameters)
+    outcome.case = case.name
+    print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
+    return outcome
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command line of the stage."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.study", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("study", help=f"one of {', '.join(study_names())}")
+    p.add_argument("--case", help="run this case only (default: all, then table and figures)")
+    p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
+    p.add_argument("--output", type=Path, metavar="DIR",
+                   help="folder to write (default outputs/studies/<study>, of a case cases/<case> in it)")
+    p.add_argument("--list", action="store_true", help="print the names of the cases and stop")
+    return p
+
+
+def main() -> None:
+    """Run a study or one of its cases."""
+    arguments = parser().parse_args()
+    study = load_study(arguments.study, arguments.accuracy)
+    if arguments.list:
+        print("\n".join(study.cases))
+        return
+    folder = OUTPUTS / study.name
+    if arguments.case:
+        target = arguments.output or folder / "cases" / arguments.case
+        _run_into(study.case(arguments.case), target)
+        return
+    folder = arguments.output or folder
+    for case in study.cases.values():
+        _run_into(case, folder / "cases" / case.name)
+    write_study(study, [folder / "cases" / name for name in study.cases], folder)
+
+
+def _run_into(case: Case, folder: Path) -> None:
+    outcome = run_case(case)
+    with replacing_folder(folder) as partial:
+        outcome.write(partial)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,179 @@
+"""Which cases a study has: from ``config/studies/<study>.yaml`` to the parameters of every case."""
+import dataclasses
+import functools
+import importlib
+import itertools
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.digest import call_digest
+from pipeline.errors import UserError
+from pipeline.scene_files import read_yaml
+from pipeline.scene_reader import Errors, Reader, describe, nearest
+
+STUDIES = Path("config/studies")
+ACCURACY = Path("config/accuracy.yaml")
+FAMILIES = Path(__file__).with_name("studies")
+KEYS = ("title", "description", "cases")
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One case: the family (a module of ``pipeline.studies``) and its parameters."""
+
+    name: str
+    family: types.ModuleType
+    parameters: Any
+
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the scenes whose results the case reads."""
+        return tuple(self.family.scenes(self.parameters)) if hasattr(self.family, "scenes") else ()
+
+    def digest(self) -> str:
+        """A new one means that the outcome may differ."""
+        chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
+        return call_digest(self.family.__name__, chosen, dataclasses.asdict(self.parameters))
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A study: title and description for its page, and its cases by name."""
+
+    name: str
+    title: str
+    description: str
+    accuracy: str
+    cases: dict[str, Case]
+
+    def figures(self) -> list:
+        """Figures of all families, each once."""
+        families = dict.fromkeys(case.family for case in self.cases.values())
+        return [figure for family in families for figure in getattr(family, "FIGURES", ())]
+
+    def pictures(self) -> list[str]:
+        """Names of all PNG files of the study: its figures, and pictures that a family makes itself."""
+        families = dict.fromkeys(case.family for case in self.cases.values())
+        made = [name for family in families for name in getattr(family, "PICTURES", ())]
+        return [figure.name for figure in self.figures()] + made
+
+    def case(self, name: str) -> Case:
+        """Return a case by name.
+
+        Raises
+        ------
+        UserError
+            There is no such case; the message lists those that there are.
+        """
+        if name not in self.cases:
+            raise UserError(f'{self.name} has no case "{name}"{nearest(name, self.cases)}; its cases are '
+                            f"{', '.join(self.cases)}")
+        return self.cases[name]
+
+
+def study_names(folder: Path = STUDIES) -> list[str]:
+    """Return the names of all studies."""
+    return sorted(path.stem for path in folder.glob("*.yaml"))
+
+
+def family_names() -> list[str]:
+    """Return the names of all families of cases."""
+    return sorted(path.stem for path in FAMILIES.glob("*.py") if path.stem != "__init__")
+
+
+def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> Study:
+    """Read a study and lay out its cases.
+
+    Parameters
+    ----------
+    accuracy : level of ``config/accuracy.yaml``; a value given as ``{draft: ..., standard: ..., fine: ...}`` follows
+        it.
+
+    Raises
+    ------
+    UserError
+        No such study or level, or a file with errors: one sentence for each.
+    """
+    if name not in study_names(folder):
+        raise UserError(f'{folder}: no study is called "{name}"{nearest(name, study_names(folder))}; there are '
+                        f"{', '.join(study_names(folder))}")
+    path, levels = folder / f"{name}.yaml", list(read_yaml(ACCURACY))
+    if accuracy not in levels:
+        raise UserError(f'accuracy is "{accuracy}", but must be one of {", ".join(levels)}')
+    data, errors = read_yaml(path), Errors(path)
+    reader = Reader(errors)
+    reader.refuse_unknown(data, KEYS, ())
+    cases: dict[str, Case] = {}
+    declared = data.get("cases")
+    if reader.is_mapping({} if declared is None else declared, ("cases",)) and declared:
+        reader.refuse_unknown(declared, family_names(), ("cases",))
+        for family in [known for known in declared if known in family_names()]:
+            cases |= _family_cases(family, declared[family], _Level(accuracy, levels), errors)
+    elif not declared:
+        errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
+    errors.raise_any()
+    return Study(name, str(data.get("title", name)), str(data.get("description", "")), accuracy, cases)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Level:
+    accuracy: str
+    known: list[str]
+
+    def choose(self, value: Any) -> Any:
+        """The value for this level, where it is given level by level."""
+        return value[self.accuracy] if isinstance(value, dict) and set(value) == set(self.known) else value
+
+
+def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> dict[str, Case]:
+    """Cases of one family; a list of mappings is laid out one after the other."""
+    family = importlib.import_module(f"pipeline.studies.{name}")
+    key, blocks = ("cases", name), declared if isinstance(declared, list) else [declared]
+    if any(not isinstance(block, dict) for block in blocks):
+        errors.add(key, f"is {describe(declared)}, but must be a mapping (`name: value` lines), or a list of mappings")
+        return {}
+    reader = Reader(errors)
+    read = [reader.record(family.Parameters, values, key) for block in blocks for values in _combinations(
+        family.Parameters, {field: level.choose(value) for field, value in block.items()})]
+    if not all(isinstance(one, family.Parameters) for one in read):
+        return {}
+    telling = _telling_fields(family.Parameters, read)
+    cases = {}
+    for one in read:
+        values = (getattr(one, field) for field in telling)
+        case = "-".join([name, *(f"{value:g}" if isinstance(value, float) else f"{value}" for value in values)])
+        if case in cases:
+            errors.add(key, f"declares the case {case} twice")
+        cases[case] = Case(case, family, one)
+    return cases
+
+
+def _telling_fields(parameters: type, cases: list) -> list[str]:
+    """Fields that tell cases of one family from each other, as few as their order needs."""
+    telling, known = [], 1
+    for field in dataclasses.fields(parameters):
+        groups = {tuple(getattr(one, name) for name in (*telling, field.name)) for one in cases}
+        if len(groups) > known and not _is_list(field.type):
+            telling.append(field.name)
+            known = len(groups)
+    return telling
+
+
+def _combinations(parameters: type, block: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Every combination of the values that are lists, except where the parameter itself is one."""
+    lists = {field.name for field in dataclasses.fields(parameters) if _is_list(field.type)}
+    choices = [value if isinstance(value, list) and name not in lists else [value] for name, value in block.items()]
+    for combination in itertools.product(*choices):
+        yield dict(zip(block, combination, strict=True))
+
+
+def _is_list(kind: Any) -> bool:
+    return typing.get_origin(kind) is tuple
+
+
+@functools.cache
+def cached_study(name: str, accuracy: str) -> Study:
+    """``load_study``, once per process."""
+    return load_study(name, accuracy)

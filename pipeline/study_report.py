@@ -1,0 +1,120 @@
+"""Stage: the outcomes of a study's cases become its table, its figures and its page of the report."""
+import argparse
+import csv
+import html
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pipeline.cli import run
+from pipeline.files import replacing
+from pipeline.metrics_table import STYLE
+from pipeline.study_model import COLUMNS, Curve, Figure, Outcome
+from pipeline.study_plan import Study, load_study
+
+MARKERS = "osD^v<>Pp*Xh"
+COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
+VERDICTS = {"true": "✓", "false": "✗", "": ""}
+FALSE = "tr.false{background:#fbe9e7}td.word{text-align:left}"
+
+
+def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
+    """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary."""
+    outcomes = [Outcome.read(folder) for folder in folders]
+    rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
+    _write_csv(target / "table.csv", rows)
+    for figure in study.figures():
+        _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
+                                                     if curve.figure == figure.name])
+    for outcome in outcomes:
+        for name, content in outcome.pictures.items():
+            with replacing(target / f"{name}.png") as partial:
+                partial.write_bytes(content)
+    _write_page(target / "table.html", study, outcomes, rows)
+    print(summary(study.name, rows))
+
+
+def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
+    """Return how many rows hold, and every one that does not."""
+    asked = [row for row in rows if row["holds"]]
+    missed = [row for row in asked if row["holds"] == "false"]
+    lines = [f"{name}: {len(asked) - len(missed)} of {len(asked)} rows hold" + (", these do not:" if missed else "")]
+    lines += [f"  {row['case']}: {row['quantity']} is {row['value']} {row['unit']}, error {row['error'] or 'unknown'} "
+              f"above {row['tolerance']}" for row in missed]
+    return "\n".join(lines)
+
+
+def _write_csv(path: Path, rows: Iterable[dict[str, str]]) -> None:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
+    """Draw one figure; a reference that several cases bring is drawn once."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
+    axes = FigureCanvasAgg(canvas).figure.subplots()
+    looks = itertools.cycle(zip(itertools.cycle(COLORS), MARKERS, strict=False))
+    references: dict[str, Curve] = {}
+    for curve in curves:
+        if curve.style == "reference":
+            references[curve.label] = curve
+            continue
+        color, marker = next(looks)
+        if curve.style == "line":
+            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=curve.label)
+        else:
+            joined = "-" if figure.logarithmic else ""
+            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=curve.label)
+    for curve, dashes in zip(references.values(), itertools.cycle(("-", "--", ":", "-."))):
+        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=curve.label, zorder=5)
+    if figure.logarithmic:
+        axes.set(xscale="log", yscale="log")
+    axes.set(xlabel=figure.x, ylabel=figure.y)
+    axes.set_title(figure.title, loc="left", fontsize=12)
+    axes.grid(alpha=0.3, which="both" if figure.logarithmic else "major")
+    if curves:
+        canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
+    with replacing(path) as partial:
+        canvas.savefig(partial, dpi=130)
+
+
+def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Sequence[dict[str, str]]) -> None:
+    """Write the page: what was asked, what was found in words, and the table with the rows that do not hold marked."""
+    heads = "".join(f"<th>{column}</th>" for column in COLUMNS)
+    body = []
+    for row in rows:
+        cells = {**row, "holds": VERDICTS[row["holds"]]}
+        words = ("case", "quantity", "unit", "holds")
+        body.append(f'<tr class="{row["holds"]}">' + "".join(
+            f'<td class="{"word" if column in words else ""}">{html.escape(cells[column])}</td>' for column in COLUMNS)
+            + "</tr>")
+    asked = [row for row in rows if row["holds"]]
+    held = sum(row["holds"] == "true" for row in asked)
+    remarks = "".join(f"<li>{html.escape(remark)}</li>" for outcome in outcomes for remark in outcome.remarks)
+    page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(study.title)}</title>'
+            f"<style>{STYLE}{FALSE}</style></head><body><h1>{html.escape(study.title)}</h1>"
+            f"<p>{html.escape(study.description)}</p><p>Accuracy {study.accuracy}: {held} of {len(asked)} rows with a "
+            f"tolerance hold.</p>{f'<ul>{remarks}</ul>' if remarks else ''}"
+            f"<table><tr>{heads}</tr>{''.join(body)}</table></body></html>\n")
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def main() -> None:
+    """Command line: ``python -m pipeline.study_report <study> CASE_DIR... --output DIR``."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.study_report", description=__doc__)
+    p.add_argument("study", help="name of the study")
+    p.add_argument("cases", type=Path, nargs="+", metavar="CASE_DIR", help="outcomes of its cases")
+    p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
+    p.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for table and figures")
+    arguments = p.parse_args()
+    write_study(load_study(arguments.study, arguments.accuracy), arguments.cases, arguments.output)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,156 @@
+"""Tanks for studies: the solver in a simple cavity, run to an end while something is measured.
+
+A run that goes bad is a measurement as well: it is reported with the time that it reached.
+"""
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.progress import progress
+from pipeline.shapes import shape_arrays
+from pipeline.study_model import Row
+from sim import schemes
+from sim.effects import REGISTRY
+from sim.errors import RunError
+from sim.packing import pack
+from sim.parameters import parameter
+from sim.settings import Liquid, Numerics, Settings
+from sim.solver import Solver
+
+PACKING_STEPS = 150
+JITTER = 0.3  # disorder before packing, in particle spacings: a lattice by itself stays one
+FASTER = 50  # a run may take this many times the steps of the largest time step before it is given up
+_NUMERICS = {field.name: field.metadata for field in dataclasses.fields(Numerics)}
+
+
+@dataclasses.dataclass(frozen=True)
+class TankParameters:
+    """What every family of tanks has in common."""
+
+    scheme: str = parameter("volume_incompressible", choices=_NUMERICS["scheme"]["choices"],
+                            meaning="pressure solve and time integration")
+    kernel: str = parameter("wendland_c2", choices=_NUMERICS["kernel"]["choices"], meaning="smoothing kernel")
+    support_ratio: float = parameter(3.0, minimum=2.0, maximum=4.0,
+                                     meaning="support radius of the kernel in particle spacings")
+    resolutions: tuple[int, ...] = parameter((16, 32, 64), minimum=4,
+                                             meaning="particles along the length of the case, coarse to fine")
+
+
+def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: str = "regular",
+           support_ratio: float = 3.0) -> dict[str, np.ndarray]:
+    """Return the arrays of a 2D cavity.
+
+    Parameters
+    ----------
+    start : "regular": a box is a perfect lattice and a circle is packed; "packed": a box is packed from disorder too.
+    """
+    arrays = shape_arrays(kind, size, spacing)
+    if kind == "box" and start == "regular":
+        return arrays
+    position = arrays["fluid_position"]
+    if kind == "box":
+        position = position + JITTER * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
+    arrays["fluid_position"], _ = pack(position, arrays["fluid_volume"], arrays["wall_position"],
+                                       arrays["wall_volume"], spacing, support_ratio, PACKING_STEPS)
+    return arrays
+
+
+def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Sequence[Liquid],
+          effects: dict[str, dict[str, Any]], phase: Callable = lambda x: np.zeros(len(x)),
+          velocity: Callable | None = None, filled: Callable | None = None, **numerics) -> Solver:
+    """Return the solver of a case; functions of the positions, (n, 2) -> (n,) or (n, 2), describe the start.
+
+    Parameters
+    ----------
+    effects : name -> parameters.
+    filled : where there is liquid; without it the cavity is full, and has no free surface.
+    numerics : further keys of ``Numerics``.
+    """
+    position, volume = arrays["fluid_position"], arrays["fluid_volume"]
+    if filled is not None:
+        keep = filled(position)
+        position, volume = position[keep], volume[keep]
+    settings = Settings(
+        dimension=position.shape[1], liquids=tuple(liquids), closed=filled is None,
+        effects=tuple(REGISTRY[name].Parameters(**values) for name, values in effects.items()),
+        numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), scheme=case.scheme, kernel=case.kernel,
+                          support_ratio=case.support_ratio, precision="f64", **numerics))
+    return Solver(settings, fluid_position=position, fluid_volume=volume, fluid_phase=phase(position).astype(int),
+                  fluid_velocity=None if velocity is None else velocity(position),
+                  **{name: arrays[name] for name in ("wall_position", "wall_volume", "sdf_values", "sdf_origin",
+                                                     "sdf_cell", "cavity_volume")}, wall_depth=arrays["wall_distance"])
+
+
+@dataclasses.dataclass
+class Run:
+    """A run and what was watched: columns of ``history`` are what ``watch`` gave after every step, and ``time``."""
+
+    solver: Solver
+    until: float
+    label: str
+    history: dict[str, np.ndarray]
+    iterations: float
+    wall_s: float
+    failure: str
+
+    def rows(self) -> list[Row]:
+        """Rows that every run has: whether it reached its end, steps and iterations."""
+        common = {"at": self.label, "wall_s": self.wall_s}
+        missing = 0.0 if not self.failure else 1.0 - self.solver.time / self.until
+        return [Row("time reached", self.solver.time, "s", reference=self.until, error=missing, tolerance=0.0,
+                    **common),
+                Row("particles", float(self.solver.count[None]), **common),
+                Row("time steps", float(self.solver.step_count), **common),
+                Row("pressure iterations per step", self.iterations, **common)]
+
+    def remarks(self, case: str) -> list[str]:
+        """Why the run ended early, if it did."""
+        return [f"{case} {self.label} ended at {self.solver.time:.4g} s of {self.until:.4g} s: {self.failure}."
+                ] if self.failure else []
+
+    def values(self, name: str) -> np.ndarray:
+        """What was watched under a name; nan alone when the run failed, so that no later number can hold."""
+        return np.array([np.nan]) if self.failure else self.history[name]
+
+
+def advance(solver: Solver, until: float, label: str, watch: Callable[[Solver], dict[str, float]]) -> Run:
+    """Run to a time, s, and watch every step."""
+    rows: list[dict[str, float]] = [{"time": 0.0, **watch(solver)}]
+    iterations, failure, begin = [], "", time.perf_counter()
+    most = FASTER * int(np.ceil(until / solver.settings.numerics.maximum_time_step)) + 10000
+    with progress(until, label, unit="second") as bar:
+        try:
+            for dt in solver.advance(until):
+                iterations.append(solver.statistics["pressure_iterations"])
+                rows.append({"time": solver.time, **watch(solver)})
+                bar.set_postfix_str(f"dt {dt:.3g} s")
+                bar.update(dt)
+                if solver.step_count > most:
+                    failure = f"{most} steps were not enough"
+                    break
+        except (RunError, OverflowError) as error:
+            failure = str(error)
+    history = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return Run(solver, until, label, history, float(np.mean(iterations or [0.0])), time.perf_counter() - begin,
+               failure)
+
+
+def field(solver: Solver, name: str) -> np.ndarray:
+    """Return a field of the particles in double precision."""
+    return solver.particles.to_numpy(name).astype(float)
+
+
+def motion(solver: Solver) -> dict[str, float]:
+    """Kinetic energy, J/m, root mean square speed, m/s, and height of the center of mass, m."""
+    mass, velocity, position = (field(solver, name) for name in ("mass", "velocity", "position"))
+    square = (velocity**2).sum(axis=1)
+    return {"kinetic_energy": float(0.5 * mass @ square), "speed": float(np.sqrt(square.mean())),
+            "height": float(mass @ position[:, 1] / mass.sum())}
+
+
+def fills(scheme: str) -> tuple[str, ...]:
+    """What a scheme can fill: "closed", "open" or both."""
+    return schemes.REGISTRY[scheme].fills

@@ -1,0 +1,60 @@
+"""What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
+from pipeline.digest import stage_digest
+from pipeline.errors import UserError
+from pipeline.study_plan import Study, cached_study, study_names
+from pipeline.workflow import OUTPUTS, Workflow, stop
+
+
+class Studies:
+    """The studies of one call of Snakemake; a study with errors matters to those only who ask for it.
+
+    Parameters
+    ----------
+    flow : the scenes, some of which the cases of a study may read.
+    """
+
+    def __init__(self, flow: Workflow):
+        self._flow = flow
+        self.names = study_names()
+
+    def study(self, name: str) -> Study:
+        """Return a study by name; one with errors ends Snakemake with one sentence for each."""
+        try:
+            return cached_study(name, self._flow.accuracy)
+        except UserError as error:
+            stop(*error.messages)
+
+    def case_folders(self, name: str) -> list[str]:
+        """Return the folders that the cases of a study write, in the order of its file."""
+        return [f"{OUTPUTS}/studies/{name}/cases/{case}" for case in self.study(name).cases]
+
+    def pictures(self, name: str) -> list[str]:
+        """Return the names of the PNG files of a study; none while its file has errors."""
+        try:
+            return cached_study(name, self._flow.accuracy).pictures()
+        except UserError:
+            return []
+
+    def inputs(self, name: str, case: str) -> list[str]:
+        """Return the files that a case reads: initial state, frames and metrics of its scenes."""
+        files = []
+        for scene in self._case(name, case).inputs():
+            folder = f"{OUTPUTS}/{scene}"
+            files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
+            files += [f"{folder}/frames/segment_{segment}" for segment in self._flow.segments(scene)]
+        return files
+
+    def depends(self, name: str, case: str) -> str:
+        """Return a parameter that changes when the outcome of a case may change."""
+        return self._case(name, case).digest()
+
+    def report_depends(self, name: str) -> str:
+        """Return a parameter that changes when table or figures of a study may change."""
+        study = self.study(name)
+        return f"{stage_digest('study_report')} {study.title} {study.description} {study.figures()}"
+
+    def _case(self, name: str, case: str):
+        try:
+            return self.study(name).case(case)
+        except UserError as error:
+            stop(*error.messages)

@@ -1,0 +1,140 @@
+"""Studies: their plans, what a case returns, the table, and that a rerun repeats only what changed."""
+import csv
+import math
+
+import pytest
+from conftest import ROOT
+from test_workflow import TRACE, planned
+
+from pipeline.errors import UserError
+from pipeline.study_model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_plan import load_study, study_names
+from pipeline.study_report import summary
+
+SMALL = """
+title: Small
+cases:
+  taylor_green:
+    reynolds: [5, 10]
+    decay: 0.02
+    resolutions: {draft: [6, 8], standard: [8, 10], fine: [10, 12]}
+"""
+
+
+@pytest.fixture
+def write(project, monkeypatch):
+    """Return a function that writes the study `small` into a copy of the project, which is the current folder."""
+    monkeypatch.chdir(project.folder)
+
+    def written(text):
+        (project.folder / "config" / "studies" / "small.yaml").write_text(text)
+    return written
+
+
+# What a case returns
+
+def test_row_holds_only_with_a_finite_error_within_the_tolerance():
+    assert Row("a", 1.0).holds is None
+    assert compared("a", 1.02, 1.0, 0.03).holds and not compared("a", 1.04, 1.0, 0.03).holds
+    assert bounded("a", -0.5, 0.5).holds and not bounded("a", math.nan, 0.5).holds
+    assert compared("a", 0.9, -1.0, None).error == pytest.approx(1.9)
+
+
+def test_observed_order_is_the_slope_and_ignores_runs_without_an_error():
+    assert observed_order([0.1, 0.05, 0.025], [0.02, 0.005, 0.00125]) == pytest.approx(2.0)
+    assert observed_order([0.1, 0.05, 0.025], [0.02, math.nan, 0.00125]) == pytest.approx(2.0)
+    assert math.isnan(observed_order([0.1, 0.05], [0.02, 0.0]))
+
+
+def test_outcome_survives_its_file(tmp_path):
+    outcome = Outcome([compared("a", math.nan, 2.0, 0.1, "m", at="n=4", wall_s=1.5)],
+                      [Curve("f", "b", [1.0, 2.0], [3.0, 4.0])], ["a remark"], {"picture": b"png"}, "case")
+    outcome.write(tmp_path)
+    read = Outcome.read(tmp_path)
+    assert [row.cells("case") for row in read.rows] == [row.cells("case") for row in outcome.rows]
+    assert (read.curves, read.remarks, read.pictures, read.case) == (
+        outcome.curves, outcome.remarks, outcome.pictures, outcome.case)
+    with pytest.raises(UserError, match="run the case first"):
+        Outcome.read(tmp_path / "elsewhere")
+
+
+def test_summary_names_every_row_that_does_not_hold():
+    rows = [row.cells("c") for row in (compared("good", 1.0, 1.0, 0.1), compared("bad", 2.0, 1.0, 0.1), Row("c", 1.0))]
+    assert "1 of 2 rows hold, these do not:\n  c: bad is 2 1, error 1 above 0.1" in summary("s", rows)
+
+
+# Plans
+
+@pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
+@pytest.mark.parametrize("name", study_names(ROOT / "config" / "studies"))
+def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    study = load_study(name, accuracy)
+    assert study.cases and len(set(study.pictures())) == len(study.pictures())
+    assert all(case.digest() for case in study.cases.values())
+
+
+def test_cases_are_all_combinations_named_by_what_differs(write):
+    write(SMALL)
+    study = load_study("small", "standard")
+    assert list(study.cases) == ["taylor_green-5", "taylor_green-10"]
+    assert study.cases["taylor_green-5"].parameters.resolutions == (8, 10)
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("cases: {}", "cases is empty, but must name at least one of"),
+    ("cases: {taylor_gren: {}}", "did you mean taylor_green"),
+    ("cases: {taylor_green: {reynolds: -1}}", "cases.taylor_green.reynolds is -1, but must be above 0"),
+    ("cases: {taylor_green: {raynolds: 1}}", "did you mean reynolds"),
+    ("cases: {taylor_green: {scheme: sph}}", "scheme is \"sph\", but must be one of"),
+    ("cases: {taylor_green: [{reynolds: 1}, {reynolds: 1}]}", "declares the case taylor_green twice"),
+    ("cases: {taylor_green: 1}", "must be a mapping"),
+    ("caes: {}", "did you mean cases"),
+])
+def test_study_with_errors_is_refused_in_a_sentence(write, text, sentence):
+    write(text)
+    with pytest.raises(UserError) as caught:
+        load_study("small")
+    assert sentence in str(caught.value)
+
+
+def test_unknown_study_case_and_level_list_what_is_allowed(write):
+    write(SMALL)
+    with pytest.raises(UserError, match=r"did you mean small"):
+        load_study("smal")
+    with pytest.raises(UserError, match="must be one of draft, standard, fine"):
+        load_study("small", "finest")
+    with pytest.raises(UserError, match="its cases are taylor_green-5, taylor_green-10"):
+        load_study("small").case("taylor_green-6")
+
+
+# A whole run
+
+def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
+    write(SMALL)
+    code, output = project.snakemake("small")
+    assert code == 0 and TRACE not in output, output
+    folder = project.folder / "outputs" / "studies" / "small"
+    with (folder / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert {row["holds"] for row in rows} <= {"true", "false", ""}
+    assert {row["case"] for row in rows if row["quantity"] == "decay rate of the energy"} == {
+        f"taylor_green-{number} n={resolution}" for number in (5, 10) for resolution in (6, 8)}
+    assert all(float(row["wall_s"]) > 0.0 for row in rows if row["quantity"] == "time reached")
+    assert (folder / "taylor_green_decay.png").is_file() and "Small" in (folder / "table.html").read_text()
+    assert "rows hold" in output
+
+    code, output = project.snakemake("-n", "small")
+    assert "Nothing to be done" in output, output
+    write(SMALL.replace("[5, 10]", "[5, 20]"))
+    code, output = project.snakemake("-n", "small")
+    assert planned(output)["study_case"] == 1, output
+
+
+def test_broken_study_stops_only_those_who_ask_for_it(project, write):
+    write("cases: {}")
+    code, output = project.snakemake("-n", "small")
+    assert code == 2 and "error: config/studies/small.yaml: cases is empty" in output and TRACE not in output
+    code, output = project.snakemake("-n", "outputs/tiny/scene.json")
+    assert code == 0, output
