@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from pipeline.scene_model import Block, Container, Eye, Initial, Material, is_closed
+from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scene_reader import Key
 from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES
@@ -109,6 +109,12 @@ def gravity_lies_in_the_plane(effects: dict, dimension: int) -> Found:
                                                  f"dimensions, but must be one of {', '.join(allowed)}")
 
 
+def lines_have_no_triangles(output: Output, dimension: int) -> Found:
+    if output.formats and dimension == 2:
+        yield (("output", "formats"), f"names {', '.join(output.formats)}, but the surfaces of a scene in two "
+                                      "dimensions are lines, which are written as .vtp only")
+
+
 def injection_is_in_a_full_container(container: Container | None, blocks: tuple[Block, ...], effects: dict) -> Found:
     injection = effects.get("injection")
     if container is None or injection is None:
@@ -183,6 +189,7 @@ def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
 CHECKS = (
     one_cavity, container_has_the_dimension, container_holds_particles, container_has_liquid,
     blocks_are_in_the_container, blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
-    injection_is_in_a_full_container, scheme_can_fill_the_cavity, scheme_can_run_the_effects,
-    scheme_can_solve_the_density_ratio, fixed_time_step_is_stable, fixed_time_step_is_large_enough,
+    lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
+    scheme_can_run_the_effects, scheme_can_solve_the_density_ratio, fixed_time_step_is_stable,
+    fixed_time_step_is_large_enough,
 )

@@ -24,6 +24,16 @@ class TriangleMesh:
         a, b, c = np.moveaxis((self.vertices - self.vertices.mean(axis=0))[self.triangles], 1, 0)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Size of the mesh for the statistics."""
+        return {"triangles": len(self.triangles)}
+
+    @property
+    def points(self) -> np.ndarray:
+        """The vertices, m."""
+        return self.vertices
+
     def is_closed(self) -> bool:
         """Whether every edge belongs to two triangles, once in each direction (closed, manifold, one orientation)."""
         count = len(self.vertices)

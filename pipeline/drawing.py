@@ -31,6 +31,23 @@ def write(draw: ImageDraw.ImageDraw, position, text: str, size: float, *, bold=F
     return font(size, bold).getlength(text)
 
 
+def pretty(name: str) -> str:
+    """Name of a liquid or a scheme for readers: silicone_oil_1000 -> silicone oil 1000."""
+    return name.replace("_", " ")
+
+
+def header(draw: ImageDraw.ImageDraw, size: tuple[int, int], *, title: str, time: float, subtitle: str,
+           label: str) -> None:
+    """Write the lines above a picture: title and simulated time (s), below them a subtitle and the scene's label."""
+    width, u = size[0], size[1] / 100.0
+    write(draw, (2.0 * u, 1.6 * u), title, 4.2 * u, bold=True, width=0.6 * width)
+    write(draw, (width - 2.0 * u, 1.6 * u), f"t = {time:.2f} s", 4.2 * u, bold=True, anchor="ra")
+    write(draw, (2.0 * u, 7.2 * u), subtitle, 3.0 * u, width=0.6 * width)
+    if label:
+        write(draw, (width - 2.0 * u, 7.2 * u), label, 3.0 * u, bold=True, color=WARNING_INK, anchor="ra",
+              width=0.36 * width)
+
+
 def arrow(draw: ImageDraw.ImageDraw, start, end, width: float, color=INK) -> None:
     """Straight arrow with a filled head."""
     start, end = np.asarray(start, float), np.asarray(end, float)

@@ -1,14 +1,15 @@
 """Volume fraction of every liquid at any point, from the particles around it (Taichi, on the CPU).
 
-At a point the particles within 2.5 spacings are averaged with weights ``volume * W``, W a Wendland C2 kernel. Every
-point gathers its own sum in a fixed order, so the result does not depend on the number of threads. The sums are kept
-apart by the phase of the particles: their total is the smooth fraction whose level 1/2 is the interface, the sum of
-one phase is the fraction on that side of a sharp interface.
+At a point the particles within 2.5 spacings are averaged with weights ``volume * W``, W a Wendland C2 kernel. A plane
+is the plane z = 0 of space. Every point gathers its own sum in a fixed order, so the result does not depend on the
+number of threads. The sums are kept apart by the phase of the particles: their total is the smooth fraction whose level
+1/2 is the interface, the sum of one phase is the fraction on that side of a sharp interface.
 """
 import numpy as np
 import taichi as ti
 
 SUPPORT = 2.5  # in particle spacings; smaller is rougher, larger wipes out films and drops
+NORMALIZATION = {2: 7.0 / (np.pi * SUPPORT**2), 3: 10.5 / (np.pi * SUPPORT**3)}    # of Wendland C2, by dimension
 SMOOTHING_PASS, SMOOTHING_BACK = 0.5, -0.53     # Taubin 1995, lambda and mu
 Vector = ti.types.vector(3, ti.f32)
 
@@ -19,45 +20,55 @@ class FractionField:
     Parameters
     ----------
     particle_spacing : m.
-    lower, upper : (3,) m, box that holds every particle that matters; others are moved to its border bins.
+    lower, upper : (D,) m, box that holds every particle that matters; others are moved to its border bins.
     liquids : number of liquids.
     """
 
     def __init__(self, particle_spacing: float, lower: np.ndarray, upper: np.ndarray, liquids: int):
         self.particle_spacing = particle_spacing
-        self.lower = np.asarray(lower, np.float64)
-        self.bins = tuple(int(count) for count in np.ceil((np.asarray(upper) - self.lower) / particle_spacing) + 1)
+        self.dimension = len(lower)
+        self.lower = in_space(np.asarray(lower, np.float64))
+        upper = in_space(np.asarray(upper, np.float64))
+        self.bins = tuple(int(count) for count in np.ceil((upper - self.lower) / particle_spacing) + 1)
         self.liquids = liquids
 
     def load(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray, phase: np.ndarray) -> None:
-        """Take over the particles: (n, 3) m, (n,) m**3, (n, liquids), (n,)."""
-        scaled = (np.asarray(position, np.float64) - self.lower) / self.particle_spacing
+        """Take over the particles: (n, D) m, (n,) m**3 (m**2 in 2D), (n, liquids), (n,)."""
+        scaled = (in_space(np.asarray(position, np.float64)) - self.lower) / self.particle_spacing
         limit = np.array(self.bins) - 1
         bins = np.clip(np.floor(scaled).astype(np.int64), 0, limit)
         flat = np.ravel_multi_index(tuple(bins.T), self.bins)
         order = np.argsort(flat, kind="stable")
         self._position = np.ascontiguousarray(scaled[order], np.float32)
-        self._weight = np.ascontiguousarray(np.asarray(volume)[order] / self.particle_spacing**3, np.float32)
+        relative = np.asarray(volume)[order] / self.particle_spacing**self.dimension
+        self._weight = np.ascontiguousarray(relative * NORMALIZATION[self.dimension], np.float32)
         self._fraction = np.ascontiguousarray(np.asarray(fraction)[order], np.float32)
         self._phase = np.ascontiguousarray(np.asarray(phase)[order], np.int32)
         self._start = np.searchsorted(flat[order], np.arange(np.prod(self.bins) + 1)).astype(np.int32)
 
     def sample(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums at points (m, 3) in m.
+        """Sums at points (m, D) in m.
 
         Returns
         -------
-        weight : (m, liquids) float32, sum of volume * W over the particles of each phase; 0 where none is near.
+        weight : (m, liquids) float32, sum of volume * W over the particles of each phase: 1 in an even filling, 0 where
+            none is near.
         share : (m, liquids, liquids) float32, ``share[:, p, l]`` is the part of ``weight[:, p]`` that is liquid l.
         """
         count = len(points)
         weight = np.zeros((count, self.liquids), np.float32)
         share = np.zeros((count, self.liquids, self.liquids), np.float32)
         if count and len(self._position):
-            scaled = ((np.asarray(points, np.float64) - self.lower) / self.particle_spacing).astype(np.float32)
+            scaled = (in_space(np.asarray(points, np.float64)) - self.lower) / self.particle_spacing
+            scaled = scaled.astype(np.float32)
             _gather(scaled, self._position, self._weight, self._fraction, self._phase, self._start,
                     *self.bins, self.liquids, weight, share)
         return weight, share
+
+
+def in_space(points: np.ndarray) -> np.ndarray:
+    """Points (..., 3) in space: those of a plane, (..., 2), get z = 0."""
+    return points if points.shape[-1] == 3 else np.concatenate([points, np.zeros_like(points[..., :1])], axis=-1)
 
 
 def smooth_fraction(weight: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -1,27 +1,33 @@
-"""Stage: frames of particles -> one closed surface mesh per liquid and frame, and a section for the pictures."""
+"""Stage: frames of particles -> one closed surface per liquid and frame, and a section of an eye for the pictures.
+
+In two dimensions the surfaces are closed lines.
+"""
 import argparse
 import json
 from pathlib import Path
 
 from pipeline.cli import run
+from pipeline.droplets import DROPLET_PARTICLES
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
 from pipeline.frames import FrameData, find_frames, read_frame
 from pipeline.initial import load_initial
-from pipeline.liquid_surface import DROPLET_PARTICLES, LiquidSurface, Reconstructor
+from pipeline.liquid_surface import LiquidSurface, Reconstructor
 from pipeline.progress import progress
 from pipeline.surface_files import surface_path, write_copy, write_section, write_surface
 
 LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
 
 
-def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *, mixed: bool) -> None:
+def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *, mixed: bool,
+          free_surface: bool = False) -> None:
     """Stop on a surface that must not be shown.
 
     Raises
     ------
     UserError : a surface is open, or the volume of a liquid in bulk is off by more than ``LARGEST_VOLUME_ERROR``.
-        Where the liquids mix (``mixed``) the level 1/2 holds no fixed volume, and the error is only reported.
+        Where the liquids mix (``mixed``) the level 1/2 holds no fixed volume, and the error is only reported; where
+        they splash (``free_surface``) spray can take more offsets than there are, and a warning tells of it.
     """
     for liquid, surface in zip(liquids, surfaces, strict=True):
         numbers = surface.statistics
@@ -29,23 +35,27 @@ def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *
             raise UserError(f"{path}: the surface of {liquid} is not closed; choose another `output.contour`")
         if not mixed and numbers["bulk_particles"] > DROPLET_PARTICLES and \
                 abs(numbers["volume_error"]) > LARGEST_VOLUME_ERROR:
-            raise UserError(
-                f"{path}: the surface of {liquid} holds {numbers['volume'] * 1e6:.4f} mL, its particles "
-                f"{numbers['expected_volume'] * 1e6:.4f} mL; choose a smaller `output.cell_ratio`")
+            sentence = (f"{path}: the surface of {liquid} holds {numbers['volume'] * 1e6:.4f} mL, its particles "
+                        f"{numbers['expected_volume'] * 1e6:.4f} mL; choose a smaller `output.cell_ratio`")
+            if not free_surface:
+                raise UserError(sentence)
+            print(f"warning: {sentence}")
 
 
 def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=()) -> None:
     """Reconstruct the frame read from ``path`` and write its files into ``folder``."""
     surfaces = reconstructor.surfaces(frame)
     mixed = bool(((frame.volume_fraction > 1e-3) & (frame.volume_fraction < 1.0 - 1e-3)).any())
-    check(path, frame.liquids, surfaces, mixed=mixed)
+    check(path, frame.liquids, surfaces, mixed=mixed, free_surface=reconstructor.free_surface)
     for liquid, surface in zip(frame.liquids, surfaces, strict=True):
         mesh = surface.mesh
         write_surface(surface_path(folder, path.stem, liquid), mesh, time=frame.time, liquid=liquid,
-                      depth=reconstructor.depth_at(mesh.vertices))
+                      depth=reconstructor.depth_at(mesh.points))
         for suffix in formats:
             write_copy(surface_path(folder, path.stem, liquid, f".{suffix}"), mesh)
-    write_section(folder / f"{path.stem}_section.vti", reconstructor.section())
+    section = reconstructor.section()
+    if section is not None:
+        write_section(folder / f"{path.stem}_section.vti", section)
     statistics = {"time": frame.time, "mixed": mixed, "liquids": dict(zip(
         frame.liquids, (surface.statistics for surface in surfaces), strict=True))}
     (folder / f"{path.stem}.json").write_text(json.dumps(statistics, indent=2) + "\n")
@@ -70,11 +80,14 @@ def main(arguments: list[str] | None = None) -> None:
     from sim.runtime import initialize
 
     scene = load_resolved(options.scene)
+    if options.format and scene.dimension == 2:
+        raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
     initialize("f32", options.threads)
     reconstructor = Reconstructor(
         load_initial(options.initial), len(scene.liquids), cell_ratio=scene.output.cell_ratio,
-        method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations)
+        method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations,
+        free_surface=not scene.closed)
     with replacing_folder(options.output) as folder, progress(len(paths), "reconstruct") as bar:
         for path in paths:
             write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats)

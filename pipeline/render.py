@@ -1,4 +1,7 @@
-"""Stage: surfaces and sections -> pictures: on the left where the oil is in the section, on the right its body."""
+"""Stage: surfaces and sections -> pictures: on the left where the oil is in the section, on the right its body.
+
+Containers have a picture of their own (``pipeline.container_picture``).
+"""
 import argparse
 from pathlib import Path
 
@@ -6,20 +9,21 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from pipeline.cli import run
-from pipeline.drawing import FAINT_INK, OVERSAMPLING, WARNING_INK, color_bar, reduce, write
+from pipeline.container_picture import ContainerRenderer
+from pipeline.drawing import FAINT_INK, OVERSAMPLING, color_bar, header, pretty, reduce, write
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
 from pipeline.frames import FrameData, find_frames, read_frame
 from pipeline.progress import progress
 from pipeline.section_panel import COLORS, Eye, SectionPanel
-from pipeline.surface_files import read_section, surface_path
+from pipeline.surface_files import read_section, read_surface, surface_path
 
 HEADER, FOOTER = 0.125, 0.115       # of the height
 WATERS = ("aqueous", "water", "balanced_salt_solution")
 
 
 class Renderer:
-    """Draws the frames of one scene; made once, because the background and the window are kept.
+    """Draws the frames of one scene with an eye; made once, because the background and the window are kept.
 
     Parameters
     ----------
@@ -79,12 +83,8 @@ class Renderer:
     def _texts(self, draw: ImageDraw.ImageDraw, frame: FrameData) -> None:
         width, height = self.size
         u = height / 100.0
-        write(draw, (2.0 * u, 1.6 * u), self.scene.title or self.scene.name, 4.2 * u, bold=True, width=0.6 * width)
-        write(draw, (width - 2.0 * u, 1.6 * u), f"t = {frame.time:.2f} s", 4.2 * u, bold=True, anchor="ra")
-        write(draw, (2.0 * u, 7.2 * u), self._fill(frame), 3.0 * u, width=0.6 * width)
-        if self.scene.label:
-            write(draw, (width - 2.0 * u, 7.2 * u), self.scene.label, 3.0 * u, bold=True, color=WARNING_INK,
-                  anchor="ra", width=0.36 * width)
+        header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time,
+               subtitle=self._fill(frame), label=self.scene.label)
         bar, center = 0.2 * width, self.split / 2
         color_bar(draw, (center - bar / 2, height - 6.6 * u, center + bar / 2, height - 4.2 * u), COLORS,
                   f"{self._shown_name()} volume fraction",
@@ -123,29 +123,22 @@ class Renderer:
         return ", ".join(parts) + f" of the cavity ({total * 1e6:.2f} mL)"
 
 
-def pretty(name: str) -> str:
-    """Name of a liquid for readers: silicone_oil_1000 -> silicone oil 1000."""
-    return name.replace("_", " ")
-
-
 def render_frames(scene, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
     """Draw every frame of a folder; the folder of pictures appears by rename."""
-    import pyvista
-
-    renderer = Renderer(scene, eye_surface)
+    renderer = Renderer(scene, eye_surface) if scene.container is None else ContainerRenderer(scene, eye_surface)
     paths = find_frames(frames)
     try:
         with replacing_folder(output) as folder, progress(len(paths), "render") as bar:
             for path in paths:
                 frame = read_frame(path)
-                section = read_section(surfaces / f"{path.stem}_section.vti")
-                meshes = {}
-                for liquid in frame.liquids if eye_surface is not None else ():
-                    file = surface_path(surfaces, path.stem, liquid)
-                    if not file.is_file():
-                        raise UserError(f"{file}: no such surface; run the reconstruct stage first")
-                    meshes[liquid] = pyvista.read(file)
-                renderer.picture(frame, section, meshes).save(folder / f"{path.stem}.png")
+                needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
+                meshes = {liquid: read_surface(surface_path(surfaces, path.stem, liquid)) for liquid in needed}
+                if scene.container is None:
+                    section = read_section(surfaces / f"{path.stem}_section.vti")
+                    picture = renderer.picture(frame, section, meshes)
+                else:
+                    picture = renderer.picture(frame, meshes)
+                picture.save(folder / f"{path.stem}.png")
                 bar.update()
     finally:
         renderer.close()
@@ -169,7 +162,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     scene = load_resolved(options.scene)
     eye = None
-    if not options.section_only:
+    if not options.section_only and scene.dimension == 3:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
         use_working_opengl()

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.contour import TriangleMesh
+from pipeline.contour_lines import ContourLines
 from pipeline.errors import UserError
 from pipeline.vtk_files import write_vtk
 
@@ -19,8 +20,11 @@ def surface_path(folder: Path, frame: str, liquid: str, suffix: str = ".vtp") ->
     return Path(folder) / f"{frame}_{liquid}{suffix}"
 
 
-def write_surface(path: Path, mesh: TriangleMesh, *, time: float, liquid: str, depth: np.ndarray) -> None:
-    """Write a closed surface in m (``.vtp``, LZ4) with ``depth`` (v,), the distance of every vertex to the wall in m.
+def write_surface(path: Path, mesh: TriangleMesh | ContourLines, *, time: float, liquid: str,
+                  depth: np.ndarray) -> None:
+    """Write a closed surface or closed lines in m (``.vtp``, LZ4).
+
+    ``depth`` (v,) is the distance of every one of ``mesh.points`` to the wall in m.
 
     The folder that holds the file is renamed when complete, so the file itself is written in place.
     """
@@ -42,13 +46,49 @@ def write_copy(path: Path, mesh: TriangleMesh) -> None:
     Path(path).write_bytes(whole.export(file_type=suffix[1:]) if len(mesh.triangles) else EMPTY[suffix])
 
 
-def to_polydata(mesh: TriangleMesh):
-    """The mesh as pyvista.PolyData in m."""
+def to_polydata(mesh: TriangleMesh | ContourLines):
+    """The mesh as pyvista.PolyData in m; lines lie in the plane z = 0."""
     import pyvista
 
+    if isinstance(mesh, ContourLines):
+        if not mesh.lines:
+            return pyvista.PolyData()
+        points = np.pad(mesh.points.astype(np.float32), ((0, 0), (0, 1)))
+        return pyvista.PolyData(points, lines=_closed_lines([len(line) - 1 for line in mesh.lines]))
     if not len(mesh.triangles):
         return pyvista.PolyData()
     return pyvista.PolyData.from_regular_faces(mesh.vertices.astype(np.float32), mesh.triangles)
+
+
+def _closed_lines(counts: list[int]) -> np.ndarray:
+    """VTK's list of lines through runs of points, each back to its first point."""
+    starts = np.cumsum([0, *counts[:-1]])
+    return np.concatenate([[count + 1, *range(start, start + count), start]
+                           for start, count in zip(starts, counts, strict=True)])
+
+
+def read_surface(path: Path):
+    """Read a surface as pyvista.PolyData.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    import pyvista
+
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such surface; run the reconstruct stage first")
+    return pyvista.read(path)
+
+
+def lines_of(surface) -> list[np.ndarray]:
+    """Lines (k, 3) in m of a pyvista.PolyData."""
+    lines, cells, start = [], np.asarray(surface.lines), 0
+    while start < len(cells):
+        end = start + 1 + cells[start]
+        lines.append(np.asarray(surface.points)[cells[start + 1:end]])
+        start = end
+    return lines
 
 
 def write_section(path: Path, section) -> None:

@@ -223,8 +223,6 @@ def test_stage_names_what_is_missing(tmp_path, monkeypatch, started, request):
     (tmp_path / "initial.npz").unlink()
     with pytest.raises(UserError, match="run the voxelize stage"):
         reconstruct.main([*arguments, "--output", str(tmp_path / "surfaces")])
-    with pytest.raises(UserError, match="three dimensions"):
-        Reconstructor({**ball(), "sdf_values": np.zeros((4, 4))}, 2)
 
 
 def test_wrong_volume_stops_the_stage(reconstructor):
