@@ -86,7 +86,8 @@ class NeighborSearch:
         ball = {2: np.pi * ratio**2, 3: 4.0 / 3.0 * np.pi * ratio**3}[self.dimension]
         width = int(crowding * ball) + 8
         self.pairs = Rows(particles.capacity, width, self.dimension)
-        self.wall_pairs = Rows(particles.capacity, int(0.6 * width), self.dimension)
+        # In the corner of a box 7/8 of a ball is wall, on a round wall about half.
+        self.wall_pairs = Rows(particles.capacity, int((0.6, 0.8)[self.dimension - 2] * width), self.dimension)
         self.wall_rows = Rows(self.walls.count, int(0.75 * width), self.dimension)
 
     def _sort_walls(self, position: np.ndarray):
