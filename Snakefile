@@ -72,7 +72,7 @@ rule eye:
     params:
         depends=flow.depends("eye"),
     log: "outputs/{scene}/logs/eye.log",
-    message: "{wildcards.scene}: make the mesh of the eye",
+    message: "{wildcards.scene}: make the surface of the cavity",
     shell: "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
 
 
@@ -86,7 +86,7 @@ rule voxelize:
     params:
         depends=flow.depends("voxelize"),
     log: "outputs/{scene}/logs/voxelize.log",
-    message: "{wildcards.scene}: fill the eye with particles",
+    message: "{wildcards.scene}: fill the cavity with particles",
     shell:
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
         " 2>&1 | tee {log}"

@@ -54,9 +54,13 @@ class Measured:
     @functools.cached_property
     def wall(self) -> WallContact:
         """Where the oil touches the wall."""
-        spacing = self.frame.particle_spacing
-        return WallContact.of(self.initial, self.frame.position, self.oil_fraction, particle_spacing=spacing,
-                              support_radius=self.scene.numerics.support_ratio * spacing)
+        return WallContact.of(self.initial, self.frame.position, self.oil_fraction,
+                              particle_spacing=self.frame.particle_spacing, support_radius=self.support_radius)
+
+    @property
+    def support_radius(self) -> float:
+        """Distance up to which particles are neighbors, m."""
+        return self.scene.numerics.support_ratio * self.frame.particle_spacing
 
     def statistic(self, name: str) -> float:
         """Return a number that the solver saved with the frame; NaN if there is none, as in a frame at the start."""

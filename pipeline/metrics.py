@@ -22,6 +22,7 @@ Value = float | dict[str, float]
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
 FULL_PARTICLE = 0.5
 MIXED = (0.05, 0.95)
+ISOLATED = 0.9      # share of the neighbors in another liquid, above which a particle is alone there
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,12 +33,14 @@ class Metric:
     ----------
     name, unit, meaning : for the column, the axis and the report.
     function : called with the :class:`Measured` state of one frame; several numbers come as name -> number.
+    of_eye : whether it says something about an eye only, and a container goes without it.
     """
 
     name: str
     unit: str
     meaning: str
     function: Callable[[Measured], Value]
+    of_eye: bool = False
 
     def columns(self, state: Measured) -> dict[str, float]:
         """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
@@ -50,12 +53,17 @@ class Metric:
 METRICS: list[Metric] = []
 
 
-def metric(unit: str, meaning: str) -> Callable:
+def metric(unit: str, meaning: str, *, of_eye: bool = False) -> Callable:
     """Register a function as the metric of its name."""
     def register(function: Callable[[Measured], Value]) -> Callable[[Measured], Value]:
-        METRICS.append(Metric(function.__name__, unit, meaning, function))
+        METRICS.append(Metric(function.__name__, unit, meaning, function, of_eye))
         return function
     return register
+
+
+def metrics_of(scene: Scene) -> list[Metric]:
+    """Return the metrics that have a meaning in a scene."""
+    return [one for one in METRICS if scene.container is None or not one.of_eye]
 
 
 @metric("s", "simulated time")
@@ -63,19 +71,19 @@ def time(state):
     return state.frame.time
 
 
-@metric("mL", "volume of each liquid")
+@metric("mL", "volume of each liquid; like energies, in two dimensions that of a layer 1 m deep")
 def volume(state):
     return dict(zip(state.frame.liquids, 1e6 * state.frame.fill, strict=True))
 
 
-@metric("%", "share of the cavity that the oil fills")
+@metric("%", "share of the cavity that the oil fills", of_eye=True)
 def fill(state):
     return 100 * state.frame.fill[state.oil] / state.cavity_volume
 
 
-@metric("mm", "center of mass of each liquid (x to the patient's left, y superior, z anterior)")
+@metric("mm", "center of mass of each liquid (in an eye x to the patient's left, y superior, z anterior)")
 def center_of_mass(state):
-    masses = state.frame.volume[:, None] * state.frame.volume_fraction
+    masses = state.frame.volume[:, None].astype(float) * state.frame.volume_fraction
     with np.errstate(invalid="ignore", divide="ignore"):
         centers = 1e3 * (masses.T @ state.frame.position) / masses.sum(axis=0)[:, None]
     return {f"{liquid}_{axis}": center for liquid, row in zip(state.frame.liquids, centers, strict=True)
@@ -84,13 +92,14 @@ def center_of_mass(state):
 
 @metric("J", "kinetic energy of the liquids")
 def kinetic_energy(state):
-    return 0.5 * np.sum(state.mass * np.sum(state.frame.velocity**2, axis=1))
+    return 0.5 * np.sum(state.mass * np.sum(state.frame.velocity.astype(float)**2, axis=1))
 
 
-@metric("J", "potential energy of the liquids, 0 when their center of mass is in the center of the eye")
+@metric("J", "potential energy of the liquids, 0 when their center of mass is in the center of the eye, or at the "
+             "lower corner of the container")
 def potential_energy(state):
     gravity = state.frame.gravity[:state.frame.dimension]
-    return -np.sum(state.mass * (state.frame.position @ gravity))
+    return -np.sum(state.mass * (state.frame.position.astype(float) @ gravity))
 
 
 @metric("mm/s", "root mean square and largest speed of the particles")
@@ -119,34 +128,36 @@ def time_step(state):
     return state.statistic("time_step")
 
 
-@metric("%", "share of the whole wall that the oil touches")
+@metric("%", "share of the whole wall that the oil touches", of_eye=True)
 def wall_coverage(state):
     return 100 * state.wall.covered_share()
 
 
-@metric("%", "share of the wall within one particle spacing of the contact line: uncertainty of the coverage")
+@metric("%", "share of the wall within one particle spacing of the contact line: uncertainty of the coverage",
+        of_eye=True)
 def wall_coverage_band(state):
     return 100 * state.wall.band_share()
 
 
-@metric("deg", "arc of the wall that the oil touches in the sagittal plane, seen from the center of the eye")
+@metric("deg", "arc of the wall that the oil touches in the sagittal plane, seen from the center of the eye",
+        of_eye=True)
 def contact_arc(state):
     return state.wall.contact_arc()
 
 
 @metric("%", "share of the retina (within 115 degrees of the posterior pole), of its halves and of the macula (disc of "
-             "5.5 mm at the pole) that the oil touches")
+             "5.5 mm at the pole) that the oil touches", of_eye=True)
 def retina_coverage(state):
     return {name: 100 * state.wall.covered_share(mask) for name, mask in state.wall.retina_masks().items()}
 
 
-@metric("1", "smallest and largest volume fraction of the oil")
+@metric("1", "smallest and largest volume fraction of the oil", of_eye=True)
 def volume_fraction(state):
     fraction = state.oil_fraction
     return {"smallest": fraction.min(initial=np.inf), "largest": fraction.max(initial=-np.inf)}
 
 
-@metric("mL", "volume of the emulsion, where the volume fraction of the oil is between 0.05 and 0.95")
+@metric("mL", "volume of the emulsion, where the volume fraction of the oil is between 0.05 and 0.95", of_eye=True)
 def emulsified_volume(state):
     mixed = (state.oil_fraction > MIXED[0]) & (state.oil_fraction < MIXED[1])
     return 1e6 * np.sum(state.frame.volume[mixed])
@@ -171,6 +182,23 @@ def smallest_spacing(state):
     return cKDTree(position).query(position, k=2)[0][:, 1].min() / state.frame.particle_spacing
 
 
+@metric("1", "particles of each liquid with more than 90 % of their neighbors in one other liquid: artifacts of the "
+             "interface")
+def isolated_particles(state):
+    alone = isolated(state.frame.position, state.frame.phase, len(state.frame.liquids), state.support_radius)
+    return {liquid: np.count_nonzero(alone & (state.frame.phase == k)) for k, liquid in enumerate(state.frame.liquids)}
+
+
+def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radius: float) -> np.ndarray:
+    """Mask (n,) of the particles that are surrounded by one other liquid; particles (n, D) m, phases (n,)."""
+    pairs = cKDTree(position).query_pairs(support_radius, output_type="ndarray")
+    flat = np.concatenate([pairs[:, 0] * liquids + phase[pairs[:, 1]], pairs[:, 1] * liquids + phase[pairs[:, 0]]])
+    neighbors = np.bincount(flat, minlength=len(position) * liquids).reshape(len(position), liquids)
+    total = neighbors.sum(axis=1)
+    neighbors[np.arange(len(position)), phase] = 0
+    return (total > 0) & (neighbors.max(axis=1, initial=0) > ISOLATED * total)
+
+
 def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
     """Return the metrics of frames: column -> one number per frame, beginning with ``frame``.
 
@@ -184,7 +212,7 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path])
         for path in paths:
             state = Measured(scene, initial, read_frame(path))
             row = {"frame": int(path.stem.rpartition("_")[2])}
-            for one in METRICS:
+            for one in metrics_of(scene):
                 row |= one.columns(state)
             for column, number in row.items():
                 table.setdefault(column, []).append(number)
@@ -207,9 +235,9 @@ def main(arguments: list[str] | None = None) -> None:
     table = measure(scene, load_initial(options.initial), paths)
     write_table(options.output, table)
     if options.summary:
-        write_summary(options.summary, table, METRICS, scene)
+        write_summary(options.summary, table, metrics_of(scene), scene)
     if options.plots:
-        write_plots(options.plots, table, METRICS, scene)
+        write_plots(options.plots, table, metrics_of(scene), scene)
 
 
 if __name__ == "__main__":
