@@ -16,8 +16,10 @@ CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered 
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
-SHIFT_WEIGHT = 0.4  # shift along -S_i, in dx^2; a background pressure alone would have to be so large that it heats
-SHIFT_THRESHOLD = 0.01  # |S_i| dx of an even packing; a smaller one is left alone, so that a liquid at rest stays so
+SHIFT_RATE = 3.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
+SHIFT_LIMIT = 0.4  # largest shift, in dx^2 S_i
+SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
+SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
 
 @ti.data_oriented
@@ -31,6 +33,7 @@ class VolumeIncompressible(Scheme):
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
         Field("kernel_gradient_sum", "vector", "1/m", "S_i = sum of V_j grad_i W_ij over liquid and wall"),
         Field("correction", "scalar", "m2", "potential of the position correction"),
+        Field("displacement", "vector", "m", "move of the particle in this step"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
 
@@ -177,6 +180,22 @@ class VolumeIncompressible(Scheme):
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
             self.correction[i] = 0.0
 
+    @ti.func
+    def _separation(self, i):
+        """Move of particle i away from those that are too close; a pair keeps its center of volume.
+
+        A kernel gradient that falls to zero at r = 0 does not part such a pair.
+        """
+        total = self.position[i] * 0.0
+        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            j = self.pairs.index[k]
+            x_ij = self.position[i] - self.position[j]
+            missing = SEPARATION * self.spacing - x_ij.norm()
+            if missing > 0.0:
+                share = self.volume[j] / (self.volume[i] + self.volume[j])
+                total += SEPARATION_RATE * share * missing / ti.max(x_ij.norm(), 1e-6 * self.spacing) * x_ij
+        return total
+
     @ti.kernel
     def _move(self, dt: float):
         limit = CORRECTION_LIMIT * self.spacing
@@ -184,11 +203,14 @@ class VolumeIncompressible(Scheme):
             self.pressure_solver.wall_value[b] = self.pressure_solver.extrapolated(self.correction, b)
         for i in range(self.count[None]):
             gradient = self.kernel_gradient_sum[i]
-            uneven = ti.max(1.0 - SHIFT_THRESHOLD / (self.spacing * gradient.norm() + 1e-12), 0.0)
-            shift = (self.pressure_solver.pressure_force(self.correction, i)
-                     - SHIFT_WEIGHT * uneven * self.spacing**2 * gradient)
+            travel = dt * self.velocity[i].norm() / self.spacing
+            weight = ti.min(SHIFT_RATE * travel, SHIFT_LIMIT)
+            shift = self.pressure_solver.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
+            shift += self._separation(i)
             length = shift.norm()
-            x = self.position[i] + dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+        for i in range(self.count[None]):
+            x = self.position[i] + self.displacement[i]
             overlap = self.solver.distance.value(x) + WALL_CLEARANCE * self.spacing
             self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
             if overlap > 0.0:  # the wall stops what the pressure has not
