@@ -1,5 +1,6 @@
 """The schemes: pressure and time integration, one file each."""
+from sim.schemes.dfsph import DFSPH
 from sim.schemes.volume_incompressible import VolumeIncompressible
 from sim.schemes.wcsph import WCSPH
 
-REGISTRY = {scheme.name: scheme for scheme in (VolumeIncompressible, WCSPH)}
+REGISTRY = {scheme.name: scheme for scheme in (VolumeIncompressible, DFSPH, WCSPH)}

@@ -23,7 +23,7 @@ from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 MACH = 0.1  # largest speed over the speed of sound: densities then vary by about 1 %
-SHIFT_WEIGHT = 0.5  # shift along -S_i, in dx |u|max dt (Lind et al. 2012), only in a cavity without free surface
+SHIFT_WEIGHT = 1.0  # shift along -S_i, in dx |u|max dt (Lind et al. 2012), only in a cavity without free surface
 
 
 @dataclasses.dataclass(frozen=True)
