@@ -74,7 +74,7 @@ class ContainerRenderer:
         u = height / 100.0
         scheme = pretty(self.scene.numerics.scheme)
         header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time, label=self.scene.label,
-               subtitle=f"{scheme}, {len(frame.position):,} particles at {length_in_words(frame.particle_spacing)}")
+               subtitle=f"{scheme}, {len(frame.position):,} particles, {length_in_words(frame.particle_spacing)} apart")
         if frame.dimension == 3:
             write(draw, (2.0 * u, self.top), "slice through the middle", 2.3 * u, color=FAINT_INK)
         entries = [(color, f"{pretty(liquid.name)}, {liquid.density:g} kg/m³")

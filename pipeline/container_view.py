@@ -29,7 +29,7 @@ class ContainerView:
         for face in faces:
             outward = np.array(face.center) - np.array(box.center)
             if outward @ VIEW < 0.0:
-                self.plotter.add_mesh(face, color=GLASS_COLOR, ambient=0.35, specular=0.0)
+                self.plotter.add_mesh(face, color=GLASS_COLOR, ambient=0.6, specular=0.0)
         self.plotter.add_mesh(box.extract_feature_edges(30.0), color=EDGE_COLOR, line_width=max(2, size[1] // 300))
         self._liquids = []
         self.plotter.enable_parallel_projection()

@@ -23,6 +23,7 @@ from pipeline.frames import FrameData
 
 OFFSET_ROUNDS = 3               # with three liquids and more every offset touches the others
 OFFSET_LIMIT = 0.8              # of a difference of fractions that lies in -1..1
+OFFSET_LIMIT_OPEN = 0.4         # two of them must not turn void into liquid
 VOLUME_TOLERANCE = 2e-4         # relative, where the search for the offset stops
 LEAST_ROOM = 0.05               # share of the kernel inside the cavity, below which nothing is divided by it
 SECTION_LEVEL, SECTION_DEPTH = 0.25, 1e-3       # where dominance and distance (m) in the section are cut off
@@ -188,33 +189,40 @@ class Reconstructor:
 
         ``target`` is 0 for a liquid without bulk: droplets alone leave no interface to move.
         """
-        offset = np.zeros(len(fraction))
-        if len(fraction) == 2 and target.all():
+        offset, count = np.zeros(len(fraction)), len(fraction)
+        if count == 2 and target.all():
             # Both liquids lose a little where the interface meets the wall; the lesser is held to its volume.
-            self._set_offset(offset, 1, int(target.argmin()), fraction, droplets, target)
-        elif len(fraction) > 2:
-            for liquid in [k for k in range(1, len(fraction)) if target[k]] * OFFSET_ROUNDS:
-                self._set_offset(offset, liquid, liquid, fraction, droplets, target)
+            judged = 0 if self.free_surface else int(target.argmin())
+            self._set_offset(offset, 1, [judged], fraction, droplets, target)
+        elif count > 2:
+            for phase in [k for k in range(1, count) if target[k]] * OFFSET_ROUNDS:
+                # What the void takes is what all liquids lack: the void itself may lose a little.
+                void = self.free_surface and phase == count - 1
+                judged = [k for k in range(phase) if target[k]] if void else [phase]
+                if judged:
+                    self._set_offset(offset, phase, judged, fraction, droplets, target)
         return offset
 
-    def _set_offset(self, offset: np.ndarray, liquid: int, judged: int, fraction, droplets, target: np.ndarray) -> None:
-        """Change the offset of ``liquid`` in place until the surface of ``judged`` has its target volume."""
-        sign = 1.0 if judged == liquid else -1.0
+    def _set_offset(self, offset: np.ndarray, phase: int, judged: list[int], fraction, droplets,
+                    target: np.ndarray) -> None:
+        """Change the offset of ``phase`` in place until the surfaces of ``judged`` together hold their targets."""
+        sign, wanted = 1.0 if phase in judged else -1.0, target[judged].sum()
 
         def error(value: float) -> float:
-            offset[liquid] = value
-            volume = self.grid.enclosed(dominance(fraction, offset, droplets)[judged])
-            relative = volume / target[judged] - 1.0
+            offset[phase] = value
+            levels = dominance(fraction, offset, droplets)
+            relative = sum(self.grid.enclosed(levels[one]) for one in judged) / wanted - 1.0
             return 0.0 if abs(relative) < VOLUME_TOLERANCE else sign * relative
 
-        reach = OFFSET_LIMIT / 8
-        while reach < OFFSET_LIMIT and not error(-reach) <= 0.0 <= error(reach):
+        limit = OFFSET_LIMIT if not self.free_surface else OFFSET_LIMIT_OPEN
+        reach = limit / 8
+        while reach < limit and not error(-reach) <= 0.0 <= error(reach):
             reach *= 2
         low, high = error(-reach), error(reach)
         if low <= 0.0 <= high:
-            offset[liquid] = brentq(error, -reach, reach, xtol=1e-5)
+            offset[phase] = brentq(error, -reach, reach, xtol=1e-5)
         else:
-            offset[liquid] = -reach if abs(low) < abs(high) else reach
+            offset[phase] = -reach if abs(low) < abs(high) else reach
 
 
 def dominance(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> np.ndarray:
