@@ -340,7 +340,7 @@ def test_errors_of_the_configuration(write, config):
         load_scene(path)
     with pytest.raises(UserError, match=r"--accuracy is \"drft\", .*did you mean draft"):
         load_scene(path, "drft")
-    (config / "accuracy.yaml").write_text("draft: {scheme: dfsph}")
+    (config / "accuracy.yaml").write_text("draft: {scheme: isph}")
     assert [message.split(": ", 1)[1].split(" is ")[0] for message in errors_of(path)] == [
         "draft.particle_spacing", "draft.scheme"]
     (config / "materials.yaml").write_text("aqueous: {density: 5 cSt, dynamic_viscosity: 1 cSt}")
