@@ -72,7 +72,8 @@ class ContainerRenderer:
     def _texts(self, draw: ImageDraw.ImageDraw, frame: FrameData) -> None:
         width, height = self.size
         u = height / 100.0
-        scheme = pretty(self.scene.numerics.scheme)
+        name = self.scene.numerics.scheme
+        scheme = name.upper() if name.endswith("sph") else pretty(name)
         header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time, label=self.scene.label,
                subtitle=f"{scheme}, {len(frame.position):,} particles, {length_in_words(frame.particle_spacing)} apart")
         if frame.dimension == 3:
