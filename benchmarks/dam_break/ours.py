@@ -1,0 +1,72 @@
+"""The dam in this project."""
+import argparse
+from pathlib import Path
+
+import dam
+import numpy as np
+
+from pipeline.shapes import shape_arrays
+from sim import schemes
+from sim.effects import REGISTRY
+from sim.runtime import initialize
+from sim.settings import Liquid, Numerics, Settings
+from sim.solver import Solver
+
+BOX_CENTER = np.array([0.0, 1.0, 0.0])  # m; the arrays of a box are centered on the origin
+# Parameters of the schemes that mean what the peer's mean.
+TOLERANCES = {"dfsph": {"density_error": dam.DENSITY_ERROR, "divergence_error": dam.DIVERGENCE_ERROR,
+                        "minimum_iterations": dam.LEAST_ITERATIONS}}
+
+
+def build(scheme: str, n: int) -> Solver:
+    """Return the solver with the cube in the left half of the box."""
+    spacing = 1.0 / n
+    arrays = shape_arrays("box", (2.0, 2.0, 1.0), spacing, dimension=3, wall_layers=2)
+    position = arrays["fluid_position"]
+    cube = (position[:, 0] < 0.0) & (position[:, 1] < 0.0)
+    parameters = schemes.REGISTRY[scheme].Parameters(**TOLERANCES.get(scheme, {}))
+    settings = Settings(
+        dimension=3, liquids=(Liquid("water", dam.DENSITY, dam.DENSITY * dam.KINEMATIC_VISCOSITY),), closed=False,
+        effects=(REGISTRY["gravity"].Parameters(magnitude=dam.GRAVITY),
+                 REGISTRY["viscosity"].Parameters(wall="free_slip")), scheme=parameters,
+        numerics=Numerics(particle_spacing=spacing, scheme=scheme, kernel="cubic_spline", support_ratio=2.0,
+                          precision="f32", time_step=dam.TIME_STEP, maximum_time_step=dam.TIME_STEP, courant_number=1.0,
+                          pressure_tolerance=dam.DENSITY_ERROR))
+    names = ("wall_position", "wall_volume", "sdf_values", "sdf_origin", "sdf_cell", "cavity_volume")
+    return Solver(settings, fluid_position=position[cube], fluid_volume=arrays["fluid_volume"][cube],
+                  fluid_phase=np.zeros(cube.sum(), int), wall_depth=arrays["wall_distance"],
+                  **{name: arrays[name] for name in names})
+
+
+def run(scheme: str, n: int, steps: int) -> dict:
+    """Run the dam and return its result."""
+    solver = build(scheme, n)
+    watch, iterations = dam.Stopwatch(), []
+    for _ in range(steps):
+        watch.start()
+        solver.step(dam.TIME_STEP)
+        watch.stop()
+        statistics = solver.statistics
+        iterations.append((statistics.get("density_iterations", statistics["pressure_iterations"]),
+                           statistics.get("divergence_iterations", 0)))
+    state = {name: solver.particles.to_numpy(name).astype(float) for name in ("position", "velocity")}
+    state["position"] += BOX_CENTER
+    return dam.result(f"this project, {scheme}", n, watch, iterations, walls=int(solver.walls.count),
+                      simulated=solver.time, **state)
+
+
+def main() -> None:
+    """Command line: ``ours.py SCHEME FOLDER N STEPS``; writes ``result.json`` into the folder."""
+    p = argparse.ArgumentParser(description=__doc__)
+    p.add_argument("scheme", choices=sorted(schemes.REGISTRY))
+    p.add_argument("folder", type=Path)
+    p.add_argument("n", type=int)
+    p.add_argument("steps", type=int)
+    p.add_argument("--threads", type=int, default=0)
+    arguments = p.parse_args()
+    initialize("f32", arguments.threads)
+    dam.write(arguments.folder / "result.json", run(arguments.scheme, arguments.n, arguments.steps))
+
+
+if __name__ == "__main__":
+    main()
