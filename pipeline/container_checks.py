@@ -27,6 +27,11 @@ def one_cavity(eye: Eye | None, container: Container | None) -> Found:
         yield ("eye",), "is missing, and so is container, but a scene needs one of them"
 
 
+def eye_is_in_space(eye: Eye | None, dimension: int) -> Found:
+    if eye is not None and dimension != 3:
+        yield ("dimension",), f"is {dimension}, but an eye has 3 dimensions; describe a container instead"
+
+
 def container_has_the_dimension(container: Container | None, dimension: int) -> Found:
     if container is not None and len(container.size) != dimension:
         yield (("container", "size"),
@@ -187,7 +192,7 @@ def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
 
 
 CHECKS = (
-    one_cavity, container_has_the_dimension, container_holds_particles, container_has_liquid,
+    one_cavity, eye_is_in_space, container_has_the_dimension, container_holds_particles, container_has_liquid,
     blocks_are_in_the_container, blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
     lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio, fixed_time_step_is_stable,

@@ -63,9 +63,10 @@ def enclosed_area(field: np.ndarray, cell: float) -> float:
     points where its sides cross zero, in this order around the cell.
     """
     padded = np.pad(away_from_zero(field), 1, constant_values=-1.0)
-    corners = np.stack([padded[:-1, :-1], padded[1:, :-1], padded[1:, 1:], padded[:-1, 1:]], axis=-1).reshape(-1, 4)
-    positive = (corners > 0.0).sum(axis=1)
-    cut = corners[(positive > 0) & (positive < 4)]
+    inside = (padded > 0.0).astype(np.int8)
+    positive = inside[:-1, :-1] + inside[1:, :-1] + inside[1:, 1:] + inside[:-1, 1:]
+    row, column = np.nonzero((positive > 0) & (positive < 4))
+    cut = np.stack([padded[row + i, column + j] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=-1)
     place = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     points, valid = [], []
     for k in range(4):

@@ -23,14 +23,15 @@ WORDS = ("title", "description", "label")
 PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "eye": (*WORDS, "accuracy", "start_from", "initial", "effects", "numerics", "output", "liquids"),
-    "voxelize": (*WORDS, "accuracy", "start_from", "output", "liquids.color", "liquids.source"),
+    "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
+            "liquids"),
+    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", "liquids.color", "liquids.source"),
     "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
-    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "output.duration", "output.image_size",
-                    "liquids.color", "liquids.source"),
-    "render": ("accuracy", "start_from", "initial", "output.duration"),
-    "metrics": (*WORDS, "accuracy", "start_from", "initial", "output.duration", *PICTURE, "liquids.color",
-                "liquids.source"),
+    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "schemes", "output.duration",
+                    "output.image_size", "liquids.color", "liquids.source"),
+    "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
+    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
+                "liquids.color", "liquids.source"),
 }
 
 

@@ -6,6 +6,7 @@ Where there is a free surface, the void beyond it counts as one liquid more, wit
 fraction. Offsets added to the fractions conserve the volume of every liquid; droplets have offsets of their own.
 """
 import dataclasses
+import functools
 import time
 
 import numpy as np
@@ -210,15 +211,16 @@ class Reconstructor:
 
         def error(value: float) -> float:
             offset[phase] = value
-            levels = dominance(fraction, offset, droplets)
-            relative = sum(self.grid.enclosed(levels[one]) for one in judged) / wanted - 1.0
+            raised = with_offsets(fraction, offset, droplets)
+            relative = sum(self.grid.enclosed(excess(raised, one)) for one in judged) / wanted - 1.0
             return 0.0 if abs(relative) < VOLUME_TOLERANCE else sign * relative
 
         limit = OFFSET_LIMIT if not self.free_surface else OFFSET_LIMIT_OPEN
         reach = limit / 8
-        while reach < limit and not error(-reach) <= 0.0 <= error(reach):
-            reach *= 2
         low, high = error(-reach), error(reach)
+        while reach < limit and not low <= 0.0 <= high:
+            reach *= 2
+            low, high = error(-reach), error(reach)
         if low <= 0.0 <= high:
             offset[phase] = brentq(error, -reach, reach, xtol=1e-5)
         else:
@@ -226,17 +228,26 @@ class Reconstructor:
 
 
 def dominance(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> np.ndarray:
-    """How far every fraction plus its offset exceeds the largest of the others: (liquids, nx, ny[, nz]) in -1..1.
+    """How far every fraction plus its offset exceeds the largest of the others: (phases, nx, ny[, nz]) in -1..1.
 
-    With two liquids the second is the exact negative of the first: one shared interface. One liquid alone: 1.
+    With two phases the second is the exact negative of the first: one shared interface. One liquid alone: 1.
     """
-    liquids = len(fraction)
-    if liquids == 1:
-        return np.ones_like(fraction)
-    raised = fraction + offset.reshape(-1, *[1] * (fraction.ndim - 1))
+    raised = with_offsets(fraction, offset, droplets)
+    return np.stack([excess(raised, phase) for phase in range(len(raised))])
+
+
+def with_offsets(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> np.ndarray:
+    """Fractions (phases, nx, ny[, nz]) plus one offset each; the nodes of droplets have their own in place of it."""
+    phases = len(fraction)
+    raised = fraction + offset.reshape(phases, *[1] * (fraction.ndim - 1))
     nodes, own_offset = droplets
-    raised.reshape(liquids, -1)[:, nodes] = fraction.reshape(liquids, -1)[:, nodes] + own_offset
-    if liquids == 2:
-        difference = raised[0] - raised[1]
-        return np.stack([difference, -difference])
-    return np.stack([raised[k] - np.delete(raised, k, axis=0).max(axis=0) for k in range(liquids)])
+    raised.reshape(phases, -1)[:, nodes] = fraction.reshape(phases, -1)[:, nodes] + own_offset
+    return raised
+
+
+def excess(raised: np.ndarray, phase: int) -> np.ndarray:
+    """How far one phase exceeds the largest of the others, (nx, ny[, nz])."""
+    others = [raised[k] for k in range(len(raised)) if k != phase]
+    if not others:
+        return np.ones_like(raised[0])
+    return raised[phase] - functools.reduce(np.maximum, others)

@@ -113,6 +113,7 @@ def test_parameters_of_the_chosen_scheme_reach_the_solver(write):
 BAD = {
     "eye and container": ("eye: {}", "container is given beside eye"),
     "blocks in an eye": ("container: null", "blocks fill a container, but this scene has an eye"),
+    "eye in a plane": ("container: null\nblocks: null", "dimension is 2, but an eye has 3 dimensions"),
     "size of three": ("container: {size: [1, 1, 1]}", "container.size has 3 entries, but must have 2"),
     "flat container": ("container: {size: [1.2, 0 m]}", "container.size[1] is \"0 m\", but must be above 0 m"),
     "coarse": ("numerics: {particle_spacing: 0.3}", "must be at most 0.2 m, a quarter of the shortest side"),
