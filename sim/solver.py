@@ -66,7 +66,7 @@ class Solver:
             for needed in c.requires:
                 if needed not in active:
                     raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
-        scheme = schemes.REGISTRY[numerics.scheme]
+        scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
         capacity = int(1.15 * len(fluid_position)) + 512  # head room for particles that an injection splits
         self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
@@ -262,14 +262,15 @@ class Solver:
         for field in self.particles.declared.values():
             if f"particles.{field.name}" in state:
                 self.particles.from_numpy(field.name, state[f"particles.{field.name}"])
-        self.particles.from_numpy("acceleration", state["acceleration"])
         self.scheme.restore({k[7:]: v for k, v in state.items() if k.startswith("scheme.")})
         for effect in self.effects:
             if any(f.carried and f"particles.{f.name}" not in state for f in effect.fields):
                 effect.start()
             prefix = f"{effect.name}."
             effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
-        self.search.sort()  # stable: the order of a sorted state stays
+        self.search.sort()  # as the next step would
+        order = self.particles.order.to_numpy()[: self.count[None]]
+        self.particles.from_numpy("acceleration", state["acceleration"][order])
         self.search.build()
         self.scheme.measure()
         self._largest_values()

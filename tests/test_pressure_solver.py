@@ -66,8 +66,8 @@ def assembled(solver, pressure_solver, weighted):
     pressure = solver.scheme.pressure
     for column in np.eye(solver.count[None]):
         solver.particles.from_numpy("pressure", column)
-        pressure_solver._apply(pressure, weighted)
-        columns.append(pressure_solver.applied.to_numpy()[: len(column)])
+        solver.scheme.operators.apply(pressure, weighted)
+        columns.append(solver.scheme.operators.applied.to_numpy()[: len(column)])
     return np.stack(columns, axis=1)
 
 
@@ -94,9 +94,9 @@ def test_matrix_is_symmetric_and_positive_semidefinite(matrices):
 
 
 def test_preconditioner_is_the_diagonal_of_the_liquid(matrices):
-    _, pressure_solver, reference, weighted, found, _ = matrices
-    pressure_solver._update_diagonal(weighted)
-    diagonal = pressure_solver.diagonal.to_numpy()[: reference.count]
+    solver, _, reference, weighted, found, _ = matrices
+    solver.scheme.operators.update_diagonal(weighted)
+    diagonal = solver.scheme.operators.diagonal.to_numpy()[: reference.count]
     weight = reference.mass if weighted else reference.volume
     liquid = reference.rate[: reference.count]
     np.testing.assert_allclose(diagonal, (liquid**2 / np.repeat(weight, reference.dimension)).sum(axis=1), rtol=1e-12)
@@ -118,12 +118,12 @@ def test_right_side_is_the_volume_rate(state):
 
 def test_momentum_is_exchanged_with_the_wall_only(state):
     """The impulse of the liquid is minus that of the wall, and a uniform pressure pushes the whole wall evenly."""
-    solver, pressure_solver, reference = state
+    solver, _, reference = state
     count = reference.count
     for pressure in (np.random.default_rng(2).normal(size=count), np.ones(count)):
         solver.particles.from_numpy("pressure", pressure)
         solver.particles.from_numpy("velocity", np.zeros((count, reference.dimension)))
-        pressure_solver.accelerate(solver.scheme.pressure, solver.velocity, 1.0, True)
+        solver.scheme.operators.accelerate(solver.scheme.pressure, solver.velocity, 1.0, True)
         (velocity,) = cavities.read(solver, "velocity")
         everywhere = reference.extrapolation @ pressure
         # Force of the wall on the liquid: -V_i V_b (p_i + p_b) G_ib.
@@ -151,7 +151,7 @@ def test_solve_makes_the_velocity_free_of_divergence(state):
     iterations, mean, largest = pressure_solver.solve(
         solver.scheme.pressure, weighted=True, step=dt * dt, tolerance=1e-8 * before / reference.volume.mean() * dt,
         maximum_iterations=5000)
-    pressure_solver.accelerate(solver.scheme.pressure, solver.velocity, dt, True)
+    solver.scheme.operators.accelerate(solver.scheme.pressure, solver.velocity, dt, True)
     after = operator @ cavities.read(solver, "velocity")[0].ravel()
     # What no pressure can change is the mean: liquid cannot be created.
     assert 0 < iterations < 5000 and mean < largest

@@ -28,11 +28,18 @@ def assert_same_bits(found, expected):
         np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
+def by_id(state: dict) -> dict:
+    """Return a state with its particles in the order of their numbers."""
+    order = np.argsort(state["particles.id"])
+    return {name: values[order] if name == "acceleration" or name.startswith("particles.") else values
+            for name, values in state.items()}
+
+
 def test_restart_is_bit_identical(circle, unbroken):
     middle, end, _ = unbroken
     solver = cavities.tank(circle, "f64")
     solver.restore(middle)
-    assert_same_bits(solver.state(), middle)
+    assert_same_bits(by_id(solver.state()), by_id(middle))  # sorted by cell anew, as the next step would
     cavities.run(solver, cavities.TANK_END)
     assert_same_bits(solver.state(), end)
 

@@ -13,6 +13,7 @@ from types import MappingProxyType
 import taichi as ti
 
 from sim.fields import Field
+from sim.settings import Settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +58,11 @@ class Scheme:
     def time_step_limit(cls, settings) -> float:
         """Part of `stable_time_step` that follows from the settings alone, known before anything is compiled, s."""
         return float("inf")
+
+    @classmethod
+    def variant(cls, settings: Settings) -> type["Scheme"]:
+        """Class that runs a scene: a scheme may solve a full cavity and a free surface differently."""
+        return cls
 
     def measure(self) -> None:
         """Compute what depends on positions only, once neighbor rows are known: at least `compression_rate`."""

@@ -1,4 +1,4 @@
-"""Volume-incompressible SPH for a completely full closed cavity.
+"""Volume-incompressible SPH: here for a completely full closed cavity, with pressures of either sign.
 
 One divergence-free solve for the velocity, and a correction of the volume error that moves positions only
 (S1 section III-A with the corrections that a cavity without free surface needs: the constant-volume solve of the
@@ -6,16 +6,19 @@ paper, fed back into the velocity, destroys a still tank).
 """
 import taichi as ti
 
+from sim.boundary import WallStop
 from sim.fields import Field
-from sim.pressure_solver import PressureSolver
+from sim.pressure_operators import PressureOperators
+from sim.pressure_solver import ConjugateResiduals
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
+from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
 
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
+LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disordered sets; pressures >= 0 hold
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
-WALL_CLEARANCE = 0.1  # smallest distance to the wall's surface, in particle spacings
 SHIFT_RATE = 3.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 0.4  # largest shift, in dx^2 S_i
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
@@ -27,7 +30,7 @@ class VolumeIncompressible(Scheme):
     """Scheme `volume_incompressible`."""
 
     name = "volume_incompressible"
-    fills = ("closed",)
+    Parameters = VolumeIncompressibleParameters
     fields = (
         Field("pressure", "scalar", "Pa", "solved pressure: without the reduced hydrostatic part", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
@@ -42,14 +45,21 @@ class VolumeIncompressible(Scheme):
         arrays = solver.particles.arrays
         self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
         self.volume_rate = arrays.get("volume_rate")
-        self.pressure_solver = PressureSolver(solver.particles, self.search, self.kernel_gradient_sum)
+        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum)
+        self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
         self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
         self.gauge = ti.field(real(), shape=())
-        self.contacts = ti.field(ti.i32, shape=())
+        self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
+
+    @classmethod
+    def variant(cls, settings) -> type[Scheme]:
+        densities = [liquid.density for liquid in settings.liquids]
+        near = max(densities) <= LARGEST_DENSITY_RATIO * min(densities)
+        return VolumeIncompressible if settings.closed and near else VolumeIncompressibleClamped
 
     @ti.kernel
     def _measure(self):
@@ -79,7 +89,7 @@ class VolumeIncompressible(Scheme):
     def measure(self) -> None:
         """Compression rates, gradient sums and wall weights of the current neighbor rows."""
         self._measure()
-        self.pressure_solver.update_wall_weights()
+        self.operators.update_wall_weights()
 
     def set_rest_state(self) -> None:
         """Take the present compression of the wall rows as that of rest (packed start)."""
@@ -100,35 +110,18 @@ class VolumeIncompressible(Scheme):
         self.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
 
     @ti.kernel
-    def _wall_hydrostatics(self, dt: float):
-        """Push of the wall by the part of its pressure that follows from the acceleration of the liquid."""
-        for b in range(self.walls.count):
-            total = 0.0
-            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
-                j = self.wall_rows.index[k]
-                distance = self.walls.position[b] - self.position[j]
-                density = self.mass[j] / self.volume[j]
-                total += self.wall_rows.weight[k] * density * self.acceleration[j].dot(distance)
-            self.pressure_solver.wall_value[b] = self.pressure_solver.over_wall_weight(b, total)
-        for i in range(self.count[None]):
-            force = self.velocity[i] * 0.0
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                force -= self.pressure_solver.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
-            self.velocity[i] += dt * self.volume[i] / self.mass[i] * force
-
-    @ti.kernel
     def _set_velocity_right_side(self, dt: float):
         for b in range(self.walls.count):
-            rate = self.pressure_solver.wall_rate(self.velocity, b)
+            rate = self.operators.wall_rate(self.velocity, b)
             if ti.static(self.volumes_change):
                 total = 0.0
                 for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
-                rate += self.pressure_solver.over_wall_weight(b, total)
-            self.pressure_solver.wall_value[b] = rate
+                rate += self.operators.over_wall_weight(b, total)
+            self.operators.wall_value[b] = rate
         for i in range(self.count[None]):
-            rate = self.pressure_solver.volume_rate(self.velocity, i)
+            rate = self.operators.volume_rate(self.velocity, i)
             if ti.static(self.volumes_change):
                 total = self.volume_rate[i] * self.search.kernel.at_zero
                 for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
@@ -159,14 +152,14 @@ class VolumeIncompressible(Scheme):
 
     def project(self, dt: float, largest_speed: float) -> dict[str, float]:
         """Make the velocity free of divergence; return the solve's statistics."""
-        self._wall_hydrostatics(dt)
+        self.operators.push_from_walls(self.position, self.acceleration, self.velocity, dt)
         self._set_velocity_right_side(dt)
         self._set_gauge(GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2)
         tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
         iterations, mean, largest = self.pressure_solver.solve(
             self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
             maximum_iterations=self.numerics.maximum_iterations)
-        self.pressure_solver.accelerate(self.pressure, self.velocity, dt, True)
+        self.operators.accelerate(self.pressure, self.velocity, dt, True)
         return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
                 "pressure_limit_hit": float(iterations >= self.numerics.maximum_iterations)}
 
@@ -174,9 +167,9 @@ class VolumeIncompressible(Scheme):
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
             error = self.wall_compression[b] - self.wall_compression_rest[b]
-            self.pressure_solver.wall_value[b] = self.pressure_solver.over_wall_weight(b, error)
+            self.operators.wall_value[b] = self.operators.over_wall_weight(b, error)
         for i in range(self.count[None]):
-            error = self.compression_rate[i] - self.compression_mean[None] + self.pressure_solver.fold(i)
+            error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
             self.correction[i] = 0.0
 
@@ -200,30 +193,19 @@ class VolumeIncompressible(Scheme):
     def _move(self, dt: float):
         limit = CORRECTION_LIMIT * self.spacing
         for b in range(self.walls.count):
-            self.pressure_solver.wall_value[b] = self.pressure_solver.extrapolated(self.correction, b)
+            self.operators.wall_value[b] = self.operators.extrapolated(self.correction, b)
         for i in range(self.count[None]):
             gradient = self.kernel_gradient_sum[i]
             travel = dt * self.velocity[i].norm() / self.spacing
             weight = ti.min(SHIFT_RATE * travel, SHIFT_LIMIT)
-            shift = self.pressure_solver.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
+            shift = self.operators.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
             shift += self._separation(i)
             length = shift.norm()
             self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
         for i in range(self.count[None]):
-            x = self.position[i] + self.displacement[i]
-            overlap = self.solver.distance.value(x) + WALL_CLEARANCE * self.spacing
-            self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
-            if overlap > 0.0:  # the wall stops what the pressure has not
-                normal = self.solver.distance.normal(x)
-                x -= overlap * normal
-                self.velocity[i] -= ti.max(self.velocity[i].dot(normal), 0.0) * normal
+            x, v = self.wall_stop.stopped(i, self.position[i] + self.displacement[i], self.velocity[i])
             self.position[i] = x
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            total = 0
-            for i in range(self.count[None]):
-                total += self.contact[i]
-            self.contacts[None] = total
+            self.velocity[i] = v
 
     def advect(self, dt: float) -> dict[str, float]:
         """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone.
@@ -234,4 +216,4 @@ class VolumeIncompressible(Scheme):
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
         self._move(dt)
-        return {"wall_contacts": float(self.contacts[None])}
+        return {"wall_contacts": float(self.wall_stop.total())}
