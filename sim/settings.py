@@ -18,7 +18,8 @@ class Numerics:
     """How the equations are solved; the accuracy levels are named sets of these."""
 
     particle_spacing: float = parameter(unit="m", exclusive_minimum=0.0, meaning="mean distance between particles")
-    scheme: str = parameter("volume_incompressible", choices=("volume_incompressible", "wcsph", "dfsph"),
+    scheme: str = parameter("volume_incompressible",
+                            choices=("volume_incompressible", "wcsph", "dfsph", "position_based"),
                             meaning="pressure solve and time integration")
     kernel: str = parameter("wendland_c2", choices=("wendland_c2", "cubic_spline"), meaning="smoothing kernel")
     support_ratio: float = parameter(2.5, minimum=2.0, maximum=4.0,
