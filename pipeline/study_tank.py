@@ -37,6 +37,7 @@ class TankParameters:
                                      meaning="support radius of the kernel in particle spacings")
     resolutions: tuple[int, ...] = parameter((16, 32, 64), minimum=4,
                                              meaning="particles along the length of the case, coarse to fine")
+    largest_step: float = parameter(0.1, exclusive_minimum=0.0, meaning="largest time step in sqrt(spacing / g)")
 
 
 def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: str = "regular",

@@ -1,13 +1,15 @@
-"""T2: a tank that starts at rest stays at rest, for a long time and without any viscosity too.
+"""T2 and T22: a tank that starts at rest stays at rest, for a long time and without any viscosity too.
 
-Noise of the particles may neither heat the liquid nor carry its center of mass away.
+Noise of the particles may neither heat the liquid nor carry its center of mass away. Under a free surface the column
+also has to keep its volume (T22; position-based fluids as published settle to 80 %): its height is twice the mean
+height of its particles.
 """
 import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, motion
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -22,8 +24,9 @@ FIGURES = (
 
 @dataclasses.dataclass(frozen=True)
 class Parameters(TankParameters):
-    """Two layers at rest in a closed box."""
+    """Two layers at rest in a box; with a density ratio of 1 they are one liquid."""
 
+    cavity: str = parameter("box", choices=("box", "open_box"), meaning="closed and full box, or a free surface")
     density_ratio: float = parameter(0.965, exclusive_minimum=0.0, maximum=1.0, meaning="light over heavy density")
     viscosity: float = parameter(0.0, unit="Pa*s", minimum=0.0, meaning="viscosity of both liquids")
     rest_times: float = parameter(20.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
@@ -34,7 +37,7 @@ class Parameters(TankParameters):
 def run(case: Parameters) -> Outcome:
     """Measure the largest speed of the second half, the energy and the drift, at every resolution."""
     outcome, speeds = Outcome(), []
-    name = f"{case.scheme} 1:{case.density_ratio:g} {case.viscosity:g} Pa s {case.start}"
+    name = f"{case.scheme} 1:{case.density_ratio:g} {case.viscosity:g} Pa s {case.cavity} {case.start}"
     for resolution in case.resolutions:
         result = _rest(case, resolution)
         late = result.values("time") > 0.5 * result.until if not result.failure else slice(None)
@@ -47,6 +50,8 @@ def run(case: Parameters) -> Outcome:
         outcome.rows += [bounded("rms speed / sqrt(g H), second half", speed, case.speed_tolerance, **common),
                          bounded("kinetic energy / (m g H), second half", energy, 1e-5, **common),
                          bounded("drift of the center of mass / spacing", drift, 0.1, **common), *result.rows()]
+        if case.cavity == "open_box":
+            outcome.rows.append(compared("height of the column / start", _column(result), 1.0, 0.01, **common))
         outcome.remarks += result.remarks(name)
         if not result.failure:
             shown = slice(1, None, max(1, len(result.history["time"]) // 400))
@@ -57,10 +62,26 @@ def run(case: Parameters) -> Outcome:
     return outcome
 
 
+def _column(result: Run) -> float:
+    """Height of the liquid over that of the start."""
+    return np.nan if result.failure else 2.0 * float(field(result.solver, "position")[:, 1].mean() + _floor()) / HEIGHT
+
+
+def _floor() -> float:
+    """Depth of the floor below the origin in an open box, m."""
+    return 0.75 * HEIGHT
+
+
 def _rest(case: Parameters, resolution: int) -> Run:
-    arrays = cavity("box", (0.5 * HEIGHT, HEIGHT), HEIGHT / resolution, start=case.start,
+    spacing, is_open = HEIGHT / resolution, case.cavity == "open_box"
+    arrays = cavity("box", (0.5 * HEIGHT, 1.5 * HEIGHT if is_open else HEIGHT), spacing, start=case.start,
                     support_ratio=case.support_ratio)
-    liquids = (Liquid("heavy", HEAVY, case.viscosity), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
+    level = 0.5 * HEIGHT - _floor() if is_open else 0.0
+    liquids = [Liquid("heavy", HEAVY, case.viscosity), Liquid("light", HEAVY * case.density_ratio, case.viscosity)]
+    layers = case.density_ratio < 1.0
     effects = {"gravity": {"magnitude": GRAVITY}} | ({"viscosity_implicit": {}} if case.viscosity else {})
-    solver = build(case, arrays, liquids=liquids, effects=effects, phase=lambda x: x[:, 1] > 0.0)
+    solver = build(case, arrays, liquids=liquids if layers else liquids[:1], effects=effects,
+                   phase=lambda x: (x[:, 1] > level) & layers,
+                   filled=(lambda x: x[:, 1] < level + 0.5 * HEIGHT) if is_open else None,
+                   maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, case.rest_times * np.sqrt(HEIGHT / GRAVITY), f"n={resolution}", motion)

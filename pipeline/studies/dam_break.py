@@ -1,0 +1,110 @@
+"""T16: the front of a collapsing column, against the experiments of Martin & Moyce (1952).
+
+A column of width a and height 2a runs along the floor; Z = x/a over tau = t sqrt(2g/a). Computed fronts run 5 to 15 %
+ahead of the experiment (release of the gate, friction of the floor), so the front is asked for within a band from 5 %
+behind to 15 % ahead, and its speed once it is steady (tau > 5) to be that of the experiment, where Z grows by 1.7 per
+tau; an inviscid front would end at 2. Between the experiment's points it is interpolated.
+"""
+import dataclasses
+
+import numpy as np
+
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field, motion
+from sim.parameters import parameter
+from sim.settings import Liquid
+
+EFFECTS = ("gravity", "viscosity")
+WIDTH = 0.05715  # m, 2.25 in
+GRAVITY = 9.81
+BOX = (17, 3)  # sides of the box in widths
+BAND = (0.95, 1.15)
+STEADY = (5.0, 9.25)  # tau
+EARLY = (2.0, 5.0)
+# Martin & Moyce (1952), n^2 = 2: (tau, Z) of the columns 2.25 in and 1.125 in wide.
+WIDE = np.array([
+    (0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944), (4.418, 5.881),
+    (5.091, 6.980), (5.685, 7.945), (6.306, 8.966), (6.822, 9.986), (7.439, 10.963), (8.031, 11.977), (8.633, 13.005),
+    (9.237, 13.970)])
+NARROW = np.array([
+    (0.849, 1.245), (1.212, 1.443), (1.602, 1.884), (2.283, 2.689), (2.950, 3.728), (3.598, 4.528), (3.905, 4.999),
+    (4.592, 5.841), (4.961, 6.271), (5.316, 6.717)])
+FIGURES = (
+    Figure("dam_break_front", "T16: front of a collapsing column, finest resolution", "time sqrt(2g/a)",
+           "front / width of the column"),
+    Figure("dam_break_energy", "T16: mechanical energy, finest resolution", "time sqrt(2g/a)",
+           "(kinetic + potential energy) / start"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """A column of water behind a gate that is gone at once; resolutions count particles along its width."""
+
+    tolerance: float = parameter(0.05, exclusive_minimum=0.0, meaning="allowed relative error of the front's speed")
+
+
+def run(case: Parameters) -> Outcome:
+    """Measure the front's speed and how far it leaves the band, at every resolution."""
+    outcome, errors = Outcome(), []
+    for index, resolution in enumerate(case.resolutions):
+        result = _collapse(case, resolution)
+        outcome.remarks += result.remarks(case.scheme)
+        common = {"at": result.label, "wall_s": result.wall_s}
+        early, speed, outside = [np.nan] * 3 if result.failure else _measured(*_front(result).T)
+        row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
+                       case.tolerance if index > 0 else None, **common)
+        errors.append(row.error)
+        outcome.rows += [row, compared("speed of the front / sqrt(2 g a), tau 2 to 5", early,
+                                       front_speed(*WIDE.T, EARLY), None, **common),
+                         bounded("largest departure from the band / experiment", outside,
+                                 1e-12 if index > 0 else None, **common), *result.rows()]
+    outcome.rows.append(Row("observed order of the front's speed",
+                            observed_order([1.0 / n for n in case.resolutions], errors)))
+    if not result.failure:
+        tau, energy = _front(result)[:, 0], result.history["kinetic_energy"] + result.history["potential_energy"]
+        outcome.curves += [Curve("dam_break_front", case.scheme, tau, _front(result)[:, 1], "line"),
+                           Curve("dam_break_energy", case.scheme, tau, energy / energy[0], "line")]
+    outcome.curves += [Curve("dam_break_front", "Martin & Moyce, 2.25 in", *WIDE.T, "reference"),
+                       Curve("dam_break_front", "Martin & Moyce, 1.125 in", *NARROW.T, "reference")]
+    return outcome
+
+
+def _measured(tau: np.ndarray, front: np.ndarray) -> tuple[float, float, float]:
+    return front_speed(tau, front, EARLY), front_speed(tau, front, STEADY), outside_band(tau, front)
+
+
+def front_speed(tau: np.ndarray, front: np.ndarray, window: tuple[float, float]) -> float:
+    """Slope dZ/dtau within a window of tau, by least squares."""
+    inside = (tau >= window[0] - 0.01) & (tau <= window[1])
+    return float(np.polyfit(tau[inside], front[inside], 1)[0])
+
+
+def outside_band(tau: np.ndarray, front: np.ndarray) -> float:
+    """Largest share by which the front is behind or ahead of the band around the experiment; 0 inside it."""
+    times, fronts = WIDE[WIDE[:, 0] > 1.0].T  # the gate still opens before
+    ratio = np.interp(times, tau, front) / fronts
+    return float(np.maximum(np.maximum(BAND[0] - ratio, ratio - BAND[1]), 0.0).max())
+
+
+def _front(result: Run) -> np.ndarray:
+    """(tau, Z) of every step."""
+    return np.stack([result.history["time"] * np.sqrt(2.0 * GRAVITY / WIDTH), result.history["front"]], axis=1)
+
+
+def _collapse(case: Parameters, resolution: int) -> Run:
+    spacing = WIDTH / resolution
+    size = tuple(side * WIDTH for side in BOX)
+    arrays = cavity("box", size, spacing, support_ratio=case.support_ratio)
+    left, floor = -0.5 * size[0], -0.5 * size[1]
+
+    def watch(solver) -> dict[str, float]:
+        position, mass = field(solver, "position"), field(solver, "mass")
+        return motion(solver) | {"front": (position[:, 0].max() + 0.5 * spacing - left) / WIDTH,
+                                 "potential_energy": float(GRAVITY * mass @ (position[:, 1] - floor))}
+
+    solver = build(case, arrays, liquids=(Liquid("water", 1000.0, 1e-3),),
+                   effects={"gravity": {"magnitude": GRAVITY}, "viscosity": {"wall": "free_slip"}},
+                   filled=lambda x: (x[:, 0] < left + WIDTH) & (x[:, 1] < floor + 2.0 * WIDTH),
+                   maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
+    return advance(solver, STEADY[1] / np.sqrt(2.0 * GRAVITY / WIDTH), f"n={resolution}", watch)
