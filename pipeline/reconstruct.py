@@ -26,8 +26,8 @@ def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *
     Raises
     ------
     UserError : a surface is open, or the volume of a liquid in bulk is off by more than ``LARGEST_VOLUME_ERROR``.
-        Where the liquids mix (``mixed``) the level 1/2 holds no fixed volume, and the error is only reported; where
-        they splash (``free_surface``) spray can take more offsets than there are, and a warning tells of it.
+        Where the liquids mix (``mixed``) the level 1/2 holds no fixed volume, and the error is only reported. Below
+        a ``free_surface`` particles may be crowded or spread as spray beyond what offsets can mend: a warning.
     """
     for liquid, surface in zip(liquids, surfaces, strict=True):
         numbers = surface.statistics
@@ -36,10 +36,10 @@ def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *
         if not mixed and numbers["bulk_particles"] > DROPLET_PARTICLES and \
                 abs(numbers["volume_error"]) > LARGEST_VOLUME_ERROR:
             sentence = (f"{path}: the surface of {liquid} holds {numbers['volume'] * 1e6:.4f} mL, its particles "
-                        f"{numbers['expected_volume'] * 1e6:.4f} mL; choose a smaller `output.cell_ratio`")
+                        f"{numbers['expected_volume'] * 1e6:.4f} mL")
             if not free_surface:
-                raise UserError(sentence)
-            print(f"warning: {sentence}")
+                raise UserError(f"{sentence}; choose a smaller `output.cell_ratio`")
+            print(f"warning: {sentence}; they are crowded, or spread as spray")
 
 
 def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=()) -> None:
