@@ -28,7 +28,7 @@ POINT_UNITS = {
 }
 FIELD_UNITS = {
     "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
-    "wall_contacts": "1",
+    "wall_contacts": "1", "wall_seconds": "s", "cpu_seconds": "s",
     "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s", "residual_maximum": "1",
     "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
 }

@@ -1,5 +1,6 @@
 """Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
 import argparse
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -134,6 +135,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
     with progress(len(frames), label) as bar:
         for index in frames:
             begin = solver.time
+            clocks = time.perf_counter(), time.process_time()
             until = index * scene.output.frame_interval
             try:
                 for dt in solver.advance(until):
@@ -149,7 +151,8 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
             if index == 0:
                 solver.prepare_output()
                 bar.update(1)
-            write_frame(frame_path(folder, index), frame_of(scene, solver, average.take()))
+            spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
+            write_frame(frame_path(folder, index), frame_of(scene, solver, average.take() | spent))
 
 
 def restore(solver, state: dict, path: Path) -> None:

@@ -1,0 +1,229 @@
+"""S1 Figs. 4 and 5: two blocks of liquid, one half as dense as the other, fall into a container; three methods.
+
+The paper reads retained mechanical energy as accuracy. Energy that viscosity takes is no error, so that E(t) is also
+shown with the work of the viscous forces added: what is then missing is the dissipation of the method itself (all of
+it, where a scene has no viscosity). The viscous power of a frame is the sum over pairs of 2(d+2) mu_ij V_i V_j |W'|/r (v_ij.x_ij)^2/r^2 / 2, that of the
+solver's forces; it is integrated over the frames. An artifact of the interface is a particle whose neighbors are of the
+other liquid (metric `isolated_particles`).
+"""
+import dataclasses
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.metrics_table import read_table
+from pipeline.scene import Scene, load_resolved
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
+from sim.parameters import parameter
+
+FIGURES = (
+    Figure("coupling_time", "Time per frame (S1 Fig. 5)", "frame", "seconds of all cores"),
+    Figure("coupling_energy", "Mechanical energy (S1 Fig. 5)", "frame", "energy above rest / that of the frame of "
+           "reference"),
+    Figure("coupling_balance", "Mechanical energy plus what viscosity has taken", "frame",
+           "(energy above rest + viscous work) / start"),
+    Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles"),
+)
+PICTURES = ("coupling_pictures",)
+OURS = "volume_incompressible"
+SIMILAR = 0.25  # relative difference of computing times that counts as about the same
+OUTPUTS = Path("outputs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """The scenes to compare: the same but for ``numerics.scheme``, our method first."""
+
+    scenes: tuple[str, ...] = parameter(meaning="names of the scenes, one per method")
+    reference_frame: int = parameter(30, minimum=1, meaning="frame whose energy is 100 %, as in the paper")
+    pictures: int = parameter(4, minimum=1, maximum=8, meaning="times at which the methods are drawn side by side")
+
+
+def scenes(parameters: Parameters) -> tuple[str, ...]:
+    """Names of the scenes whose results are read."""
+    return parameters.scenes
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """What one method has computed, frame by frame; energies in J (per meter of depth), times in s."""
+
+    name: str
+    scene: Scene
+    paths: list[Path]
+    frame: np.ndarray
+    cpu: np.ndarray
+    wall: np.ndarray
+    energy: np.ndarray
+    viscous: np.ndarray
+    isolated: np.ndarray
+
+    @property
+    def seconds(self) -> float:
+        """Computing time per frame, of all cores, without the first, which is written before any step."""
+        return float(self.cpu[1:].mean())
+
+
+def run(parameters: Parameters) -> Outcome:
+    """Compare the methods and state for every claim of the paper whether it holds here."""
+    methods = [_load(name) for name in parameters.scenes]
+    reference = min(parameters.reference_frame, len(methods[0].frame) - 1)
+    outcome = Outcome(pictures={PICTURES[0]: _side_by_side(methods, parameters.pictures)})
+    for method in methods:
+        outcome.rows += _rows(method, reference)
+        outcome.curves += _curves(method, reference)
+    for row, sentence in _claims(methods, reference):
+        outcome.rows.append(row)
+        outcome.remarks.append(sentence)
+    return outcome
+
+
+def _load(name: str) -> Method:
+    folder = OUTPUTS / name
+    scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
+    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
+    power = np.array([viscous_power(scene, read_frame(path)) for path in paths])
+    time = table["time [s]"]
+    viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
+    energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
+    isolated = sum(table[column] for column in table if column.startswith("isolated_particles"))
+    return Method(scene.numerics.scheme, scene, paths, table["frame"], table["computing_time_cpu [s]"],
+                  table["computing_time_wall [s]"], energy, viscous,
+                  isolated / len(read_frame(paths[0]).position))
+
+
+def energy_at_rest(scene: Scene, frame: FrameData) -> float:
+    """Potential energy of the liquids at rest, the heaviest at the bottom of the container, J."""
+    gravity = np.asarray(frame.gravity, float)[:frame.dimension]
+    axis = int(np.argmax(np.abs(gravity)))
+    area = math.prod(scene.container.size) / scene.container.size[axis]
+    total = level = 0.0
+    for phase in np.argsort([-liquid.density for liquid in scene.liquids]):
+        volume = float(frame.volume[frame.phase == phase].astype(float).sum())
+        total += scene.liquids[phase].density * abs(gravity[axis]) * volume * (level + 0.5 * volume / area)
+        level += volume / area
+    return total
+
+
+def viscous_power(scene: Scene, frame: FrameData) -> float:
+    """Rate at which the viscous forces within the liquid turn energy into heat, W (per meter of depth)."""
+    if not {"viscosity", "viscosity_implicit"} & set(scene.effects):
+        return 0.0
+    position, velocity = frame.position.astype(float), frame.velocity.astype(float)[:, :frame.dimension]
+    volume = frame.volume.astype(float)
+    viscosity = np.array([liquid.dynamic_viscosity for liquid in scene.liquids])[frame.phase]
+    support = scene.numerics.support_ratio * frame.particle_spacing
+    i, j = cKDTree(position).query_pairs(support, output_type="ndarray").T
+    x = position[i] - position[j]
+    r = np.sqrt((x**2).sum(axis=1))
+    mean = 2.0 * viscosity[i] * viscosity[j] / np.maximum(viscosity[i] + viscosity[j], 1e-20)
+    slope = _kernel_slope(scene.numerics.kernel, r / support, support, frame.dimension)
+    approach = ((velocity[i] - velocity[j]) * x).sum(axis=1) / np.maximum(r, 1e-12 * support)
+    return float((2.0 * (frame.dimension + 2.0) * mean * volume[i] * volume[j] * slope
+                  / np.maximum(r, 1e-12 * support) * approach**2).sum())
+
+
+def _kernel_slope(kernel: str, q: np.ndarray, support: float, dimension: int) -> np.ndarray:
+    """|dW/dr| of the scene's kernel."""
+    if kernel == "wendland_c2":
+        scale = {2: 7.0 / np.pi, 3: 10.5 / np.pi}[dimension]
+        return 20.0 * scale * q * np.maximum(1.0 - q, 0.0) ** 3 / support ** (dimension + 1)
+    scale = {2: 40.0 / (7.0 * np.pi), 3: 8.0 / np.pi}[dimension]
+    return scale * np.where(q <= 0.5, 6.0 * (2.0 * q - 3.0 * q**2), 6.0 * np.maximum(1.0 - q, 0.0) ** 2) / support ** (
+        dimension + 1)
+
+
+def _rows(method: Method, reference: int) -> list[Row]:
+    at = {"at": method.name, "wall_s": float(method.wall[1:].sum())}
+    start = method.energy[0]
+    return [
+        Row("computing time per frame, all cores", method.seconds, "s", **at),
+        Row("wall time per frame", float(method.wall[1:].mean()), "s", **at),
+        Row(f"mechanical energy at the end / frame {reference}", method.energy[-1] / method.energy[reference], **at),
+        Row("mechanical energy at the end / start", method.energy[-1] / start, **at),
+        Row("viscous work / energy at the start", method.viscous[-1] / start, **at),
+        Row("energy lost otherwise / energy at the start", 1.0 - (method.energy[-1] + method.viscous[-1]) / start,
+            **at),
+        bounded("largest gain of energy between frames / energy at the start",
+                max(0.0, float(np.diff(method.energy).max()) / start), 0.01, **at),
+        Row("isolated particles / particles, mean", float(method.isolated.mean()), **at),
+        Row("isolated particles / particles, largest", float(method.isolated.max()), **at),
+    ]
+
+
+def _curves(method: Method, reference: int) -> list[Curve]:
+    late = slice(reference, None)
+    return [Curve("coupling_time", method.name, method.frame[1:], method.cpu[1:], "line"),
+            Curve("coupling_energy", method.name, method.frame[late], method.energy[late] / method.energy[reference],
+                  "line"),
+            Curve("coupling_balance", method.name, method.frame, (method.energy + method.viscous) / method.energy[0],
+                  "line"),
+            Curve("coupling_isolated", method.name, method.frame, method.isolated, "line")]
+
+
+def _claims(methods: list[Method], reference: int) -> list[tuple[Row, str]]:
+    """A row and a sentence for every claim of the paper that the methods at hand can judge."""
+    known = {method.name: method for method in methods}
+    ours, others = known.get(OURS), [method for method in methods if method.name != OURS]
+    if ours is None or not others:
+        return []
+    claims = []
+    if "dfsph" in known:
+        ratio = ours.seconds / known["dfsph"].seconds
+        claims.append((Row("claim: about as fast as DFSPH (time over that of DFSPH)", ratio, reference=1.0,
+                           error=abs(ratio - 1.0), tolerance=SIMILAR),
+                       f"it is about as fast as DFSPH: a frame takes {ratio:.2f} times the computing time"))
+    if "wcsph" in known:
+        ratio = known["wcsph"].seconds / ours.seconds
+        claims.append((Row("claim: twice as fast as WCSPH (time of WCSPH over ours)", ratio, reference=2.0,
+                           error=max(0.0, 1.0 - ratio / 2.0), tolerance=SIMILAR),
+                       f"it is about twice as fast as WCSPH: WCSPH takes {ratio:.2f} times its computing time"))
+    kept = {method.name: method.energy[-1] / method.energy[reference] for method in methods}
+    best = max(others, key=lambda method: kept[method.name])
+    words = ", ".join(f"{name} {100.0 * share:.1f} %" for name, share in kept.items())
+    claims.append((Row("claim: keeps the most mechanical energy (ours less the best other)",
+                       kept[OURS] - kept[best.name], reference=0.0, error=max(0.0, kept[best.name] - kept[OURS]),
+                       tolerance=0.0),
+                   f"it keeps the most mechanical energy from frame {reference} to the end: {words}"))
+    alone = {method.name: float(method.isolated.mean()) for method in methods}
+    least = min(alone[method.name] for method in others)
+    words = ", ".join(f"{name} {1000.0 * share:.2f}" for name, share in alone.items())
+    claims.append((Row("claim: no artifacts at the interface (isolated particles, ours less the least other)",
+                       alone[OURS] - least, reference=0.0, error=max(0.0, alone[OURS] - least), tolerance=0.0),
+                   f"it has the fewest artifacts at the interface: isolated particles per thousand, mean: {words}"))
+    return [(row, f'Claim of the paper {"held" if row.holds else "NOT held"} here: {sentence}.')
+            for row, sentence in claims]
+
+
+def _side_by_side(methods: list[Method], count: int) -> bytes:
+    """Picture of all methods at the same times, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.figure import Figure as Canvas
+
+    last = min(len(method.paths) for method in methods) - 1
+    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
+    width, height = methods[0].scene.container.size[:2]
+    panel = 3.0
+    canvas = Canvas(figsize=(panel * len(methods) + 0.4, (panel * height / width + 0.1) * len(indices) + 0.5),
+                    layout="constrained")
+    grid = FigureCanvasAgg(canvas).figure.subplots(len(indices), len(methods), squeeze=False)
+    for column, method in zip(grid.T, methods, strict=True):
+        column[0].set_title(method.name.replace("_", " "), fontsize=11)
+        for axes, index in zip(column, indices, strict=True):
+            frame = read_frame(method.paths[index])
+            diameter = frame.volume.astype(float) ** (1.0 / frame.dimension)
+            color = np.array([liquid.color for liquid in method.scene.liquids])[frame.phase]
+            axes.add_collection(EllipseCollection(
+                diameter, diameter, 0.0, units="xy", offsets=frame.position[:, :2], facecolors=color, lw=0.0,
+                offset_transform=axes.transData))
+            axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal", xticks=[], yticks=[])
+            if axes in grid[:, 0]:
+                axes.set_ylabel(f"{frame.time:.2f} s", fontsize=11)
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=150, format="png")
+    return buffer.getvalue()
