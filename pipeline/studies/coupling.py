@@ -2,9 +2,9 @@
 
 The paper reads retained mechanical energy as accuracy. Energy that viscosity takes is no error, so that E(t) is also
 shown with the work of the viscous forces added: what is then missing is the dissipation of the method itself (all of
-it, where a scene has no viscosity). The viscous power of a frame is the sum over pairs of 2(d+2) mu_ij V_i V_j |W'|/r (v_ij.x_ij)^2/r^2 / 2, that of the
-solver's forces; it is integrated over the frames. An artifact of the interface is a particle whose neighbors are of the
-other liquid (metric `isolated_particles`).
+it, where a scene has no viscosity). The viscous power of a frame is the sum over pairs of
+2(d+2) mu_ij V_i V_j |W'|/r (v_ij.x_ij)^2/r^2, that of the solver's forces; it is integrated over the frames. An
+artifact of the interface is a particle whose neighbors are of the other liquid (metric `isolated_particles`).
 """
 import dataclasses
 import io
