@@ -75,6 +75,7 @@ class DFSPH(Scheme):
         super().__init__(solver)
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
+        self.masses_change = "volume_fraction" in solver.particles.arrays
         self.fewest_neighbors = FEWEST_NEIGHBORS[solver.dimension]
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         blocks = solver.particles.capacity // BLOCK + 1
@@ -275,6 +276,8 @@ class DFSPH(Scheme):
 
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver
+        if self.masses_change:  # by an exchange between liquids since `measure`
+            self._measure()
         statistics = solver.timed("divergence solve", self.correct_divergence, dt)
         solver.accelerate(dt)
         statistics |= solver.correct_velocity(dt)

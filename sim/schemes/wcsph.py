@@ -78,7 +78,7 @@ class WCSPH(Scheme):
             self.density_ratio.fill(1.0)
 
     def expected_speed(self) -> float:
-        """Largest speed to be expected, m/s: start, free fall through the cavity, jolts, capillary waves.
+        """Largest speed to be expected, m/s: start, free fall through the cavity, jolts, tension, cohesion.
 
         Without any of them it is the speed that the largest time step can follow.
         """
@@ -102,6 +102,11 @@ class WCSPH(Scheme):
         if "interface_tension" in effects:
             density = solver.liquids[0].density + solver.liquids[1].density
             speeds.append(math.sqrt(effects["interface_tension"].coefficient * np.pi / (density * self.spacing)))
+        if "cohesion" in effects:  # its inner pressure, some 0.03 gamma rho^2 h, sets particles in motion
+            density = max(liquid.density for liquid in solver.liquids)
+            speeds.append(math.sqrt(0.06 * effects["cohesion"].gamma * density * solver.support_radius))
+        if "curvature" in effects:
+            speeds.append(math.sqrt(effects["curvature"].gamma * solver.support_radius))
         largest = max(speeds)
         return largest or self.numerics.courant_number * self.spacing / self.numerics.maximum_time_step
 

@@ -1,0 +1,77 @@
+"""Liquids with a free surface, shared by the tests of the schemes."""
+import math
+
+import cavities
+import numpy as np
+from cavities import build, cavity, parameters
+
+from sim.settings import Liquid
+
+GRAVITY = 9.81
+WATER = Liquid("water", 1000.0, 1e-3)
+DAM_WIDTH = 0.05715  # m, the broader dam of Martin & Moyce
+# Front of the dam (Martin & Moyce 1952, a = 2.25 in): t sqrt(2g/a) and x/a.
+DAM_FRONT = np.array([(0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944)])
+EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 0.1},
+                     "curvature": {"gamma": 0.1}, "diffusion": {"coefficient": 1e-6}}
+
+
+def still_tank(scheme: str, height: float, particles: int, ratio: float = 1.0, dimension: int = 2, **more):
+    """Return a tank filled two thirds high as a lattice, in two layers where `ratio` is not 1."""
+    spacing = height / particles
+    size = (height, 1.5 * height) if dimension == 2 else (0.5 * height, 1.5 * height, 0.5 * height)
+    liquids = (WATER, Liquid("light", ratio * 1000.0, 1e-3))
+    return build(cavity("box", size, dimension, spacing), effects=(parameters("gravity", magnitude=GRAVITY),),
+                 liquids=liquids if ratio != 1.0 else liquids[:1], scheme=scheme,
+                 phase=lambda x: (x[:, 1] > -0.25 * height) & (ratio != 1.0),
+                 filled=lambda x: x[:, 1] < 0.25 * height, **more)
+
+
+def depth_and_weight(solver, height: float, ratio: float = 1.0):
+    """Return depth below the surface and the weight of the liquid above per area, by particle of a snapshot."""
+    depth = 0.25 * height - solver.snapshot()["position"][:, 1]
+    lower = np.maximum(depth - 0.5 * height, 0.0)
+    return depth, 1000.0 * GRAVITY * (ratio * (depth - lower) + lower)
+
+
+def hydrostatic_error(solver, height: float, ratio: float = 1.0) -> float:
+    """Return the root mean square error of the pressure over the weight of a water column."""
+    _, weight = depth_and_weight(solver, height, ratio)
+    error = solver.snapshot()["pressure"] - weight
+    return float(np.sqrt((error**2).mean())) / (1000.0 * GRAVITY * height)
+
+
+def drop(scheme: str, dimension: int, liquids=(WATER,), **more):
+    """Return a cube of liquid that is stirred far from any wall."""
+    arrays = cavity("box", (0.018,) * dimension, dimension)
+    arguments = {"phase": lambda x: np.zeros(len(x)), "velocity": lambda x: 0.05 * np.cos(700.0 * x + 1.0)} | more
+    return build(arrays, liquids=liquids, filled=lambda x: (np.abs(x) < 4e-3).all(axis=1), scheme=scheme, **arguments)
+
+
+def dam(scheme: str, particles: int, length: float = 7.0, **more):
+    """Return a dam of width a and height 2a at the left end of a tank, a/particles the spacing."""
+    spacing = DAM_WIDTH / particles
+    size = (round(length * particles) * spacing, 3.0 * DAM_WIDTH)
+    left, bottom = -0.5 * size[0], -0.5 * size[1]
+    return build(cavity("box", size, 2, spacing), effects=(parameters("gravity", magnitude=GRAVITY),),
+                 liquids=(WATER,), phase=lambda x: np.zeros(len(x)), scheme=scheme,
+                 filled=lambda x: (x[:, 0] < left + DAM_WIDTH) & (x[:, 1] < bottom + 2.0 * DAM_WIDTH), **more)
+
+
+def dam_front(scheme: str, particles: int, **more):
+    """Return the front of the dam, x/a, at the times of the experiment, and the measured front."""
+    solver = dam(scheme, particles, **more)
+    left = solver.search.walls.position.to_numpy()[:, 0].min() + 2.5 * solver.spacing
+    front = []
+    for time, _ in DAM_FRONT[1:]:
+        cavities.run(solver, time * math.sqrt(DAM_WIDTH / (2.0 * GRAVITY)))
+        (position,) = cavities.read(solver, "position")
+        front.append((position[:, 0].max() + 0.5 * solver.spacing - left) / DAM_WIDTH)
+    return np.array(front), DAM_FRONT[1:, 1]
+
+
+def full_box(scheme: str, dimension: int, names):
+    """Return a small full box of two liquids that is stirred, with the named effects all at once."""
+    effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
+    return build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
+                 scheme=scheme, velocity=lambda x: 1e-2 * np.sin(1e3 * x))
