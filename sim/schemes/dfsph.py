@@ -53,6 +53,7 @@ class DFSPH(Scheme):
     name = "dfsph"
     Parameters = DFSPHParameters
     refuses = MappingProxyType({"injection": "its density solve has no source for growing volumes"})
+    largest_density_ratio = 10.0  # bounded at 1:100 too, but the light liquid swells by 15 %
     fields = (
         Field("pressure", "scalar", "Pa", "pressure of both solves", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
