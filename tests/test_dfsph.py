@@ -18,7 +18,7 @@ HEIGHT = 0.02
 def test_mean_pressure_is_the_weight_of_what_lies_above(ratio):
     """The pressure of a particle carries the noise of the method; its mean over time and layer is the weight.
 
-    Measured at 16 spacings: within 12 %.
+    Measured at 16 spacings: 4 % and 3 % too high, speeds 0.05 of sqrt(g H) that no viscosity damps.
     """
     solver = still_tank("dfsph", HEIGHT, 16, ratio)
     cavities.run(solver, math.sqrt(HEIGHT / GRAVITY))
@@ -26,13 +26,13 @@ def test_mean_pressure_is_the_weight_of_what_lies_above(ratio):
 
     def sample(solver):
         depth, weight = depth_and_weight(solver, HEIGHT, ratio)
-        inside = (np.abs(solver.snapshot()["position"][:, 0]) < 0.3 * HEIGHT) & (depth > 0.25 * HEIGHT)
-        samples.append((solver.snapshot()["pressure"][inside].mean(), weight[inside & (depth < 0.85 * HEIGHT)].mean(),
-                        solver.snapshot()["pressure"][inside & (depth < 0.85 * HEIGHT)].mean()))
+        state = solver.snapshot()
+        inside = (np.abs(state["position"][:, 0]) < 0.3 * HEIGHT) & (depth > 0.25 * HEIGHT) & (depth < 0.85 * HEIGHT)
+        samples.append((weight[inside].mean(), state["pressure"][inside].mean()))
 
     cavities.run(solver, 4.0 * math.sqrt(HEIGHT / GRAVITY), sample)
-    _, weight, pressure = np.mean(samples, axis=0)
-    assert pressure == pytest.approx(weight, rel=0.25)
+    weight, pressure = np.mean(samples, axis=0)
+    assert pressure == pytest.approx(weight, rel=0.15)
     assert cavities.root_mean_square_speed(solver) < 0.1 * math.sqrt(GRAVITY * HEIGHT)
     density, mass, volume = cavities.read(solver, "density", "mass", "volume")
     assert (density / (mass / volume)).max() < (1.01 if ratio == 1.0 else 1.05)
@@ -111,9 +111,9 @@ def test_diagonal_is_that_of_the_matrix():
 
 @pytest.mark.slow
 def test_dam_break_follows_the_experiment():
-    """Martin & Moyce (1952): computed fronts run 5-15 % ahead; measured here 10-16 % at 12 spacings."""
+    """Martin & Moyce (1952): computed fronts run 5-15 % ahead; measured here 7-13 % at 12 spacings."""
     front, experiment = dam_front("dfsph", 12)
-    assert (front / experiment > 1.0).all() and (front / experiment < 1.22).all()
+    assert (front / experiment > 1.0).all() and (front / experiment < 1.18).all()
 
 
 def test_restart_is_bit_identical(breaking):
