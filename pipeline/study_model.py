@@ -44,7 +44,7 @@ class Row:
         """Whether the error is within the tolerance; None where nothing is asked. No number is no success."""
         if self.tolerance is None:
             return None
-        return self.error is not None and math.isfinite(self.error) and self.error <= self.tolerance
+        return self.error is not None and math.isfinite(self.error) and bool(self.error <= self.tolerance)
 
     def cells(self, case: str) -> dict[str, str]:
         """Return the cells of the table, column by column; what is empty stays so."""

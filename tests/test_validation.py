@@ -1,0 +1,177 @@
+"""Short versions of the study `validation`, and what its references and the coupling study's numbers rest on."""
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pipeline.studies import coupling, dam_break, hydrostatics, still_tank, taylor_green
+from pipeline.study_tank import cavity
+
+
+def values(outcome, quantity):
+    """Return the values of a quantity, coarse to fine."""
+    return [row.value for row in outcome.rows if row.quantity == quantity]
+
+
+def rows_that_fail(outcome, *but):
+    """Return the quantities of rows that do not hold, less those named."""
+    return {row.quantity for row in outcome.rows if row.holds is False} - set(but)
+
+
+# References
+
+def test_pressure_of_two_layers_is_continuous_and_zero_at_the_top():
+    height = np.array([-0.5, 0.0, 0.5])
+    np.testing.assert_allclose(hydrostatics.exact_pressure(0.5, height), [0.75, 0.25, 0.0])
+
+
+def test_vortex_fits_into_the_box():
+    """No flow through the walls, no divergence, and no shear along the walls."""
+    edge = np.linspace(-0.5, 0.5, 21)
+    for wall in (-0.5, 0.5):
+        assert np.abs(taylor_green.vortex(np.stack([np.full(21, wall), edge], axis=1))[:, 0]).max() < 1e-12
+        assert np.abs(taylor_green.vortex(np.stack([edge, np.full(21, wall)], axis=1))[:, 1]).max() < 1e-12
+    step, inside = 1e-5, np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
+    along = [(taylor_green.vortex(inside + shift) - taylor_green.vortex(inside - shift)) / (2.0 * step)
+             for shift in step * np.eye(2)]
+    np.testing.assert_allclose(along[0][:, 0] + along[1][:, 1], 0.0, atol=1e-8)
+
+
+def test_experimental_front_is_inside_its_own_band_at_its_own_speed():
+    tau, front = dam_break.WIDE.T
+    assert dam_break.outside_band(tau, front) == 0.0
+    assert dam_break.outside_band(tau, 1.2 * front) == pytest.approx(0.05)
+    # The literature list gives "about 1.7" for tau > 5.
+    assert dam_break.front_speed(tau, front, dam_break.STEADY) == pytest.approx(1.7, abs=0.02)
+
+
+def lattice(shear, scheme="volume_incompressible"):
+    """Return scene and frame of a lattice of two equal layers in a unit box that is sheared as v = (shear y, 0)."""
+    axis = (np.arange(40) + 0.5) / 40
+    position = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    velocity = np.zeros((1600, 3))
+    velocity[:, 0] = shear * position[:, 1]
+    liquids = [SimpleNamespace(density=density, dynamic_viscosity=2.0) for density in (500.0, 1000.0)]
+    scene = SimpleNamespace(liquids=liquids, effects={"viscosity": None}, container=SimpleNamespace(size=(1.0, 1.0)),
+                            numerics=SimpleNamespace(scheme=scheme, kernel="wendland_c2", support_ratio=4.0))
+    frame = SimpleNamespace(position=position, velocity=velocity, volume=np.full(1600, 1.0 / 1600), dimension=2,
+                            phase=(position[:, 1] < 0.5).astype(int), particle_spacing=1.0 / 40,
+                            gravity=np.array([0.0, -10.0, 0.0]))
+    return scene, frame
+
+
+def test_viscous_power_is_that_of_a_sheared_liquid():
+    scene, frame = lattice(shear=3.0)
+    # mu (du/dy)^2 = 18 W/m^3, less the rows at the edge of the box without neighbors beyond, and the lattice's
+    # direction, by which pair forces along the axes are too soft.
+    assert coupling.viscous_power(scene, frame) == pytest.approx(18.0, rel=0.2)
+    scene.effects = {}
+    assert coupling.viscous_power(scene, frame) == 0.0
+
+
+def test_energy_at_rest_is_that_of_the_layers():
+    scene, frame = lattice(shear=0.0)
+    assert coupling.energy_at_rest(scene, frame) == pytest.approx(10.0 * (1000 * 0.5 * 0.25 + 500 * 0.5 * 0.75))
+
+
+def test_claims_of_the_paper_are_judged_by_the_numbers():
+    def method(name, seconds, kept, isolated):
+        frame = np.arange(4.0)
+        return coupling.Method(name, None, [], frame, np.full(4, seconds), frame, np.array([2.0, 1.0, 1.0, kept]),
+                               0.0 * frame, np.full(4, isolated))
+    good = [method("volume_incompressible", 1.0, 0.9, 0.0), method("dfsph", 1.1, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]
+    assert [row.holds for row, _ in coupling._claims(good, 1)] == [True] * 4
+    bad = [method("volume_incompressible", 2.0, 0.7, 0.2), method("dfsph", 1.0, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]
+    judged = coupling._claims(bad, 1)
+    assert [row.holds for row, _ in judged] == [False] * 4
+    assert all("NOT held here" in sentence for _, sentence in judged)
+
+
+# Short runs
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("more", [{"cavity": "box", "density_ratio": 0.965, "viscosity": 1.0},
+                                  {"cavity": "open_box", "density_ratio": 0.5}], ids=["closed", "open"])
+def test_layers_at_rest_carry_their_weight(more):
+    """T1 at 16 spacings: the study asks for 2 % at 24 and finer; the interface is one layer, 1/16 of the height."""
+    outcome = hydrostatics.run(hydrostatics.Parameters(resolutions=(16,), rest_times=2.0, **more))
+    assert values(outcome, "pressure error / (rho g H)")[0] < 0.03
+    assert not rows_that_fail(outcome)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_closed_tank_without_viscosity_stays_at_rest():
+    """T2 in short: 3 of 20 rest times. The study asks for 1e-3; without viscosity 12 spacings have 1.9e-3."""
+    outcome = still_tank.run(still_tank.Parameters(resolutions=(12,), rest_times=3.0))
+    speed = "rms speed / sqrt(g H), second half"
+    assert values(outcome, speed)[0] < 3e-3
+    assert not rows_that_fail(outcome, speed)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_column_of_position_based_fluid_keeps_its_volume():
+    """T22: 1 %; the published rest density would let it settle to 80 %."""
+    outcome = still_tank.run(still_tank.Parameters(scheme="position_based", cavity="open_box", density_ratio=1.0,
+                                                   viscosity=1e-3, resolutions=(16,), rest_times=3.0))
+    assert values(outcome, "height of the column / start")[0] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_two_equal_liquids_flow_as_one():
+    """T13: mixed at random, they must not differ from one liquid at all; 1e-6 is what rounding may do."""
+    outcome = taylor_green.run(taylor_green.Parameters(reynolds=10.0, liquids=2, resolutions=(12,), decay=0.5,
+                                                       steps=50))
+    assert values(outcome, "largest difference from one liquid / U")[0] < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_vortex_decays_by_its_viscosity():
+    """T13 at Re 1, where the viscosity rules; the study asks for 3 % at finer resolutions."""
+    outcome = taylor_green.run(taylor_green.Parameters(reynolds=1.0, resolutions=(16,), decay=1.0))
+    expected = taylor_green.decay_rate(1.0)
+    assert values(outcome, "decay rate of the energy")[0] == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("scheme", ["volume_incompressible", pytest.param("dfsph", marks=pytest.mark.slow)])
+def test_front_of_a_dam_break_runs_as_measured(scheme):
+    """T16 with 8 particles along the column; the study asks for the band itself and 5 %.
+
+    Fronts without friction end at a speed of 2, experiments at 1.7. Measured: volume_incompressible is 6 % ahead of the
+    band at a speed of 2.0, dfsph inside it at 1.74.
+    """
+    outcome = dam_break.run(dam_break.Parameters(scheme=scheme, resolutions=(8,)))
+    ahead, off = {"dfsph": (0.01, 0.05), "volume_incompressible": (0.08, 0.2)}[scheme]
+    assert values(outcome, "largest departure from the band / experiment")[0] < ahead
+    speed, = values(outcome, "speed of the front / sqrt(2 g a), tau > 5")
+    assert speed == pytest.approx(dam_break.front_speed(*dam_break.WIDE.T, dam_break.STEADY), rel=off)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_run_that_goes_bad_is_reported_and_not_hidden(monkeypatch):
+    """A solver that fails gives rows that do not hold, and the reason in words."""
+    from sim.solver import Divergence, Solver
+
+    def fail(solver, until):
+        raise Divergence("step 0: it failed")
+        yield
+
+    monkeypatch.setattr(Solver, "advance", fail)
+    outcome = still_tank.run(still_tank.Parameters(resolutions=(8,)))
+    assert {"time reached", "rms speed / sqrt(g H), second half"} <= rows_that_fail(outcome)
+    assert math.isnan(values(outcome, "rms speed / sqrt(g H), second half")[0])
+    assert "it failed" in outcome.remarks[0]
+
+
+@pytest.mark.usefixtures("taichi")
+def test_packed_start_is_disordered_but_even():
+    """The viscosity of pair forces is wrong on a lattice, and a jittered start would never come to rest."""
+    arrays = cavity("box", (1.0, 1.0), 1.0 / 16, start="packed")
+    position = arrays["fluid_position"]
+    assert len(np.unique(position[:, 0].round(4))) > 200
+    nearest = cKDTree(position).query(position, 2)[0][:, 1] * 16
+    assert nearest.min() > 0.7 and nearest.max() < 1.2
