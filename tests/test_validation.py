@@ -80,7 +80,7 @@ def test_claims_of_the_paper_are_judged_by_the_numbers():
     def method(name, seconds, kept, isolated):
         frame = np.arange(4.0)
         return coupling.Method(name, None, [], frame, np.full(4, seconds), frame, np.array([2.0, 1.0, 1.0, kept]),
-                               0.0 * frame, np.full(4, isolated))
+                               0.0 * frame, np.full(4, isolated), frame > 0.0)
     good = [method("volume_incompressible", 1.0, 0.9, 0.0), method("dfsph", 1.1, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]
     assert [row.holds for row, _ in coupling._claims(good, 1)] == [True] * 4
     bad = [method("volume_incompressible", 2.0, 0.7, 0.2), method("dfsph", 1.0, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]

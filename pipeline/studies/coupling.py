@@ -22,8 +22,8 @@ from sim.parameters import parameter
 
 FIGURES = (
     Figure("coupling_time", "Time per frame (S1 Fig. 5)", "frame", "seconds of all cores"),
-    Figure("coupling_energy", "Mechanical energy (S1 Fig. 5)", "frame", "energy above rest / that of the frame of "
-           "reference"),
+    Figure("coupling_energy", "Mechanical energy (S1 Fig. 5)", "frame", "energy above rest / that of the "
+           "reference frame"),
     Figure("coupling_balance", "Mechanical energy plus what viscosity has taken", "frame",
            "(energy above rest + viscous work) / start"),
     Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles"),
@@ -50,7 +50,11 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Method:
-    """What one method has computed, frame by frame; energies in J (per meter of depth), times in s."""
+    """What one method has computed, frame by frame; energies in J (per meter of depth), times in s.
+
+    ``warm`` marks the frames whose time counts: not the start, and not the first of a segment, in which the solver is
+    compiled.
+    """
 
     name: str
     scene: Scene
@@ -61,11 +65,12 @@ class Method:
     energy: np.ndarray
     viscous: np.ndarray
     isolated: np.ndarray
+    warm: np.ndarray
 
     @property
     def seconds(self) -> float:
-        """Computing time per frame, of all cores, without the first, which is written before any step."""
-        return float(self.cpu[1:].mean())
+        """Mean computing time per frame, of all cores."""
+        return float(self.cpu[self.warm].mean())
 
 
 def run(parameters: Parameters) -> Outcome:
@@ -85,7 +90,11 @@ def run(parameters: Parameters) -> Outcome:
 def _load(name: str) -> Method:
     folder = OUTPUTS / name
     scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
-    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
+    segments = [find_frames(segment) for segment in sorted((folder / "frames").glob("segment_*"))]
+    paths = [path for segment in segments for path in segment]
+    # The first segment begins with the start, before any step.
+    warm = np.array([place >= (2 if number == 0 else 1) for number, segment in enumerate(segments)
+                     for place in range(len(segment))])
     power = np.array([viscous_power(scene, read_frame(path)) for path in paths])
     time = table["time [s]"]
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
@@ -93,7 +102,7 @@ def _load(name: str) -> Method:
     isolated = sum(table[column] for column in table if column.startswith("isolated_particles"))
     return Method(scene.numerics.scheme, scene, paths, table["frame"], table["computing_time_cpu [s]"],
                   table["computing_time_wall [s]"], energy, viscous,
-                  isolated / len(read_frame(paths[0]).position))
+                  isolated / len(read_frame(paths[0]).position), warm)
 
 
 def energy_at_rest(scene: Scene, frame: FrameData) -> float:
@@ -142,7 +151,7 @@ def _rows(method: Method, reference: int) -> list[Row]:
     start = method.energy[0]
     return [
         Row("computing time per frame, all cores", method.seconds, "s", **at),
-        Row("wall time per frame", float(method.wall[1:].mean()), "s", **at),
+        Row("wall time per frame", float(method.wall[method.warm].mean()), "s", **at),
         Row(f"mechanical energy at the end / frame {reference}", method.energy[-1] / method.energy[reference], **at),
         Row("mechanical energy at the end / start", method.energy[-1] / start, **at),
         Row("viscous work / energy at the start", method.viscous[-1] / start, **at),
@@ -157,7 +166,7 @@ def _rows(method: Method, reference: int) -> list[Row]:
 
 def _curves(method: Method, reference: int) -> list[Curve]:
     late = slice(reference, None)
-    return [Curve("coupling_time", method.name, method.frame[1:], method.cpu[1:], "line"),
+    return [Curve("coupling_time", method.name, method.frame[method.warm], method.cpu[method.warm], "line"),
             Curve("coupling_energy", method.name, method.frame[late], method.energy[late] / method.energy[reference],
                   "line"),
             Curve("coupling_balance", method.name, method.frame, (method.energy + method.viscous) / method.energy[0],
