@@ -146,10 +146,22 @@ class PressureOperators:
         for i in range(self.count[None]):
             v[i] += self.push_from_wall(v, i, dt)
 
+    @ti.func
+    def _own_gradient(self, i):
+        """Gradient of a unit pressure of particle i at its own place, that of the walls it extrapolates to included."""
+        total = self.gradient_sum[i]
+        if ti.static(self.extrapolates):
+            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                b = self.wall_pairs.index[k]
+                share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k]
+                total += self.over_wall_weight(b, share) * self.wall_pairs.gradient[k]
+        return total
+
     @ti.kernel
     def update_diagonal(self, weighted: ti.template()):
+        """Diagonal of A without what one liquid particle does to another by way of the wall."""
         for i in range(self.count[None]):
-            total = self._weight(i, weighted) * self.gradient_sum[i].norm_sqr() / self.volume[i]
+            total = self._weight(i, weighted) * self._own_gradient(i).norm_sqr() / self.volume[i]
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
                 total += self._weight(j, weighted) * self.pairs.gradient[k].norm_sqr() / self.volume[j]
