@@ -147,11 +147,22 @@ def scheme_can_fill_the_cavity(container: Container | None, blocks: tuple[Block,
     yield ("numerics", "scheme"), f"is {numerics.scheme}, {reason}; {remedy}"
 
 
-def scheme_can_run_the_effects(numerics: Numerics, effects: dict) -> Found:
-    for name, reason in SCHEMES[numerics.scheme].refuses.items():
+def scheme_can_run_the_effects(numerics: Numerics, effects: dict, liquids: tuple[Material, ...], dimension: int,
+                               container: Container | None, blocks: tuple[Block, ...]) -> Found:
+    if not liquids:
+        return
+    settings = Settings(dimension, liquids, numerics, (), closed=is_closed(container, blocks))
+    for name, reason in SCHEMES[numerics.scheme].variant(settings).refuses.items():
         if name in effects:
             yield (("effects", name), f"cannot be used with the scheme {numerics.scheme}: {reason}; remove it or "
                                       "choose another numerics.scheme")
+
+
+def tension_needs_a_full_cavity(effects: dict, container: Container | None, blocks: tuple[Block, ...]) -> Found:
+    if "interface_tension" in effects and not is_closed(container, blocks):
+        yield (("effects", "interface_tension"),
+               "keeps a part of the pressure out of the solve, which cannot vanish at a free surface then; fill the "
+               "container, or use cohesion and curvature")
 
 
 def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...]) -> Found:
@@ -195,6 +206,6 @@ CHECKS = (
     one_cavity, eye_is_in_space, container_has_the_dimension, container_holds_particles, container_has_liquid,
     blocks_are_in_the_container, blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
     lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
-    scheme_can_run_the_effects, scheme_can_solve_the_density_ratio, fixed_time_step_is_stable,
-    fixed_time_step_is_large_enough,
+    scheme_can_run_the_effects, tension_needs_a_full_cavity, scheme_can_solve_the_density_ratio,
+    fixed_time_step_is_stable, fixed_time_step_is_large_enough,
 )

@@ -138,6 +138,8 @@ BAD = {
                   "cannula: [0.1, 0.1, 0], drain: [1, 0.1, 0]}}", "but the blocks leave a free surface"),
     "cannula outside": ("effects: {injection: {liquid: aqueous, drained_liquid: silicone_oil_1000, flow: 1e-6, "
                         "fill: 0.5, cannula: [2, 0.1, 0], drain: [1, 0.1, 0]}}", "cannula is (2, 0.1, 0) m, outside"),
+    "tension below a free surface": ("effects: {interface_tension: {coefficient: 40 mN/m}}",
+                                     "effects.interface_tension keeps a part of the pressure out of the solve"),
     "refused effect": ("effects: {injection: {liquid: aqueous, drained_liquid: silicone_oil_1000, flow: 1e-6, "
                        "fill: 0.5, cannula: [0.1, 0.1, 0], drain: [1, 0.1, 0]}}",
                        "effects.injection cannot be used with the scheme wcsph"),
@@ -194,6 +196,16 @@ def test_limits_of_a_scheme_are_respected(write, monkeypatch):
     monkeypatch.setattr(SCHEMES["wcsph"], "fills", ("open", "closed"))
     monkeypatch.setattr(SCHEMES["wcsph"], "refuses", MappingProxyType({"gravity": "it floats"}))
     assert "effects.gravity cannot be used with the scheme wcsph: it floats" in errors_of(write("extends: base"))[0]
+
+
+def test_injection_beside_a_gas_is_refused(write):
+    """Beyond a density ratio of 2 the scheme solves with pressures >= 0, which takes up no growing volumes."""
+    injection = ("effects: {injection: {liquid: aqueous, drained_liquid: silicone_oil_1000, flow: 1e-6, fill: 0.5, "
+                 "cannula: [0.1, 0.1, 0], drain: [1, 0.1, 0]}}")
+    scheme = "numerics: {scheme: volume_incompressible}\n"
+    light = "liquids: {aqueous: {density: 400 kg/m3}, silicone_oil_1000: {}}"
+    messages = errors_of(write(f"extends: base\n{FULL}\n{scheme}{injection}\n{light}"))
+    assert "injection cannot be used with the scheme volume_incompressible: it works in full" in messages[0]
 
 
 def test_scene_must_start_in_the_same_container(write):
