@@ -21,6 +21,7 @@ class Walls:
     def __init__(self, position: np.ndarray, volume: np.ndarray, depth: np.ndarray):
         dimension = position.shape[1]
         self.count = len(position)
+        self.extent = float(np.ptp(position, axis=0).max()) if self.count else 0.0  # largest side of their box, m
         size = max(self.count, 1)
         self.position = ti.Vector.field(dimension, real(), shape=size, layout=ti.Layout.SOA)
         self.volume = ti.field(real(), shape=size)

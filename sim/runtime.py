@@ -34,6 +34,12 @@ def initialize(precision: str = "f32", threads: int = 0) -> None:
     _started.update(wanted)
 
 
+def shut_down() -> None:
+    """Free all fields of this process; solvers made before are void, and Taichi may be started anew."""
+    ti.reset()
+    _started.clear()
+
+
 def real():
     """Taichi type of the real fields of this process."""
     return ti.f32 if _started["precision"] == "f32" else ti.f64

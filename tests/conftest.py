@@ -11,13 +11,14 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def taichi():
-    """Return Taichi in double precision, started once per process; another precision needs a process of its own."""
+    """Return Taichi in double precision, started anew for every file: one start holds 512 groups of fields at most."""
     import taichi as ti
 
-    from sim.runtime import initialize
+    from sim.runtime import initialize, shut_down
 
+    shut_down()
     initialize("f64")
     return ti
 
@@ -84,15 +85,18 @@ def project(tmp_path) -> Project:
 
 
 @pytest.fixture(scope="session")
-def circle(taichi) -> dict[str, np.ndarray]:
+def circle() -> dict[str, np.ndarray]:
     """Return the arrays of a packed circle of ten spacings."""
     from cavities import RADIUS, cavity
 
+    from sim.runtime import initialize
+
+    initialize("f64")
     return cavity("circle", RADIUS)
 
 
-@pytest.fixture(scope="session")
-def bare(circle):
+@pytest.fixture(scope="module")
+def bare(taichi, circle):
     """Return a solver without any effect in the circle, and its state at rest."""
     from cavities import build
 

@@ -56,7 +56,6 @@ class VolumeIncompressible(Scheme):
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
-        self.extent = float(np.ptp(self.walls.position.to_numpy(), axis=0).max())
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
 
     @classmethod
@@ -160,7 +159,7 @@ class VolumeIncompressible(Scheme):
         if self.gravity is None:
             return 0.0
         excess = max(abs(liquid.density - self.gravity.reference_density) for liquid in self.solver.liquids)
-        return excess * float(np.linalg.norm(self.gravity.at(self.solver.time))) * self.extent
+        return excess * float(np.linalg.norm(self.gravity.at(self.solver.time))) * self.walls.extent
 
     def project(self, dt: float, largest_speed: float) -> dict[str, float]:
         """Make the velocity free of divergence; return the solve's statistics."""
