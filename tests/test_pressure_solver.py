@@ -101,7 +101,7 @@ def test_preconditioner_is_nearly_the_diagonal(matrices):
     exact = np.diag(found)
     inside = reference.extrapolation[reference.count:].sum(axis=0) == 0.0  # no wall particle in reach
     np.testing.assert_allclose(diagonal[inside], exact[inside], rtol=1e-12)
-    # Measured 0.47 in the sphere, where a wall particle serves ten; the relaxation is set by the eigenvalue that is left.
+    # Measured 0.47 in the sphere, whose wall particles serve ten; the eigenvalue sets the relaxation.
     assert (diagonal / exact).min() > 1.0 / 3.0 and (diagonal / exact).max() < 3.0
 
 
