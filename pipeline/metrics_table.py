@@ -14,20 +14,25 @@ STYLE = "body{font:15px sans-serif;margin:2em}td,th{padding:.35em .8em;border-bo
 
 
 def write_table(path: Path, table: Mapping[str, Sequence[float]]) -> None:
-    """Write column -> numbers as CSV, with every digit that a number has."""
+    """Write column -> numbers as CSV, with every digit that a number has.
+
+    A cell is empty where there is nothing to measure: no steps before frame 0, no center of a liquid that is not there.
+    """
     rows = zip(*table.values(), strict=True)
-    lines = [",".join(table), *(",".join(f"{number!s}" for number in map(_plain, row)) for row in rows), ""]
+    lines = [",".join(table), *(",".join(map(_cell, row)) for row in rows), ""]
     with replacing(path) as partial:
         partial.write_text("\n".join(lines))
 
 
-def _plain(number: float) -> int | float:
+def _cell(number: float) -> str:
     number = float(number)
-    return int(number) if number.is_integer() and abs(number) < 1e15 else number
+    if np.isnan(number):
+        return ""
+    return str(int(number) if number.is_integer() and abs(number) < 1e15 else number)
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Read a table of metrics: column -> (frames,) float64.
+    """Read a table of metrics: column -> (frames,) float64, NaN for an empty cell.
 
     Raises
     ------
@@ -38,7 +43,8 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     header, *rows = path.read_text().splitlines() or [""]
     columns = header.split(",")
     try:
-        values = np.array([[float(cell) for cell in row.split(",")] for row in rows]).reshape(len(rows), len(columns))
+        values = np.array([[float(cell or "nan") for cell in row.split(",")] for row in rows])
+        values = values.reshape(len(rows), len(columns))
     except ValueError as error:
         raise UserError(f"{path}: is damaged ({error}); measure again") from error
     if "frame" not in columns:

@@ -181,6 +181,7 @@ def test_command_line_makes_table_plots_and_summary(run_folder):
     metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_001", "segment_000")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html"),
                   "--plots", str(run_folder / "plots")])
+    assert "nan" not in (run_folder / "metrics.csv").read_text()
     table = read_table(run_folder / "metrics.csv")
     assert table["frame"].tolist() == [0, 1, 2] and table["time [s]"].tolist() == [0.0, 0.1, 0.2]
     assert np.isnan(table["pressure_iterations [1]"][0]) and table["pressure_iterations [1]"][1] == 7
