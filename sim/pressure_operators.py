@@ -19,12 +19,9 @@ class PressureOperators:
 
     Fields of liquid particles: `kernel_gradient_sum` S_i = sum of V_j G_ij over all neighbors, `volume`, `mass`.
     The weight of the force is V/m for velocities (weighted=True) and 1 for positions (weighted=False).
-    Without `extrapolates`, E = [1; 0]: the wall is pushed by the pressure of the liquid particle alone (Akinci et al.
-    2012), which costs no pass over wall neighbors.
     """
 
-    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum, extrapolates: bool = True):
-        self.extrapolates = extrapolates
+    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum):
         self.particles = particles
         self.count = particles.count
         self.volume = particles.arrays["volume"]
@@ -64,9 +61,8 @@ class PressureOperators:
         total = p[i] * self.gradient_sum[i]
         for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
             total += p[self.pairs.index[k]] * self.pairs.gradient[k]
-        if ti.static(self.extrapolates):
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                total += self.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
+        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            total += self.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
         return -total
 
     @ti.func
@@ -81,9 +77,8 @@ class PressureOperators:
     def fold(self, i):
         """(P^T X)_i / V_i of the wall rows' X_b / (V_b sum_f V_f W_bf) in `wall_value`."""
         total = 0.0
-        if ti.static(self.extrapolates):
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                total += self.wall_pairs.weight[k] * self.wall_value[self.wall_pairs.index[k]]
+        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            total += self.wall_pairs.weight[k] * self.wall_value[self.wall_pairs.index[k]]
         return total
 
     @ti.func
@@ -104,9 +99,8 @@ class PressureOperators:
     @ti.kernel
     def accelerate(self, p: ti.template(), v: ti.template(), factor: float, weighted: ti.template()):
         """v_i += factor * F_i(p) / m_i (or / V_i where not weighted)."""
-        if ti.static(self.extrapolates):
-            for b in range(self.walls.count):
-                self.wall_value[b] = self.extrapolated(p, b)
+        for b in range(self.walls.count):
+            self.wall_value[b] = self.extrapolated(p, b)
         for i in range(self.count[None]):
             v[i] += factor * self._weight(i, weighted) * self.pressure_force(p, i)
 
@@ -150,11 +144,10 @@ class PressureOperators:
     def _own_gradient(self, i):
         """Gradient of a unit pressure of particle i at its own place, that of the walls it extrapolates to included."""
         total = self.gradient_sum[i]
-        if ti.static(self.extrapolates):
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                b = self.wall_pairs.index[k]
-                share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k]
-                total += self.over_wall_weight(b, share) * self.wall_pairs.gradient[k]
+        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            b = self.wall_pairs.index[k]
+            share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k]
+            total += self.over_wall_weight(b, share) * self.wall_pairs.gradient[k]
         return total
 
     @ti.kernel
@@ -170,13 +163,11 @@ class PressureOperators:
     @ti.kernel
     def apply(self, x: ti.template(), weighted: ti.template()):
         """applied = A x."""
-        if ti.static(self.extrapolates):
-            for b in range(self.walls.count):
-                self.wall_value[b] = self.extrapolated(x, b)
+        for b in range(self.walls.count):
+            self.wall_value[b] = self.extrapolated(x, b)
         for i in range(self.count[None]):
             self.force[i] = self._weight(i, weighted) * self.pressure_force(x, i)
-        if ti.static(self.extrapolates):
-            for b in range(self.walls.count):
-                self.wall_value[b] = self.wall_rate(self.force, b)
+        for b in range(self.walls.count):
+            self.wall_value[b] = self.wall_rate(self.force, b)
         for i in range(self.count[None]):
             self.applied[i] = -self.volume_rate(self.force, i)

@@ -75,3 +75,13 @@ def full_box(scheme: str, dimension: int, names):
     effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
     return build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
                  scheme=scheme, velocity=lambda x: 1e-2 * np.sin(1e3 * x))
+
+
+def assert_runs(solver, largest_speed: float) -> None:
+    """Four steps leave every field finite, the compression near 1 and the speeds bounded."""
+    for _ in range(4):
+        solver.step()
+    state = solver.snapshot()
+    assert all(np.isfinite(values).all() for values in state.values())
+    assert state["compression_rate"].min() > 0.9 and state["compression_rate"].max() < 1.2
+    assert np.linalg.norm(state["velocity"], axis=1).max() < largest_speed

@@ -6,6 +6,7 @@ overrides the hooks below. The solver calls, in every step: `exchange` of the ef
 (velocity += dt * accelerations of the effects) and `solver.correct_velocity(dt)` (implicit viscosity and the like)
 where its algorithm has them, and moves the particles.
 """
+import abc
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +23,7 @@ class NoParameters:
 
 
 @ti.data_oriented
-class Scheme:
+class Scheme(abc.ABC):
     """Base of all schemes.
 
     Class attributes
@@ -64,9 +65,22 @@ class Scheme:
         """Class that runs a scene: a scheme may solve a full cavity and a free surface differently."""
         return cls
 
+    @ti.func
+    def kernel_sums(self, i):
+        """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall."""
+        total = self.volume[i] * self.search.kernel.at_zero
+        gradient = self.velocity[i] * 0.0
+        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            total += self.pairs.weight[k]
+            gradient += self.pairs.gradient[k]
+        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            total += self.wall_pairs.weight[k]
+            gradient += self.wall_pairs.gradient[k]
+        return total, gradient
+
+    @abc.abstractmethod
     def measure(self) -> None:
         """Compute what depends on positions only, once neighbor rows are known: at least `compression_rate`."""
-        raise NotImplementedError
 
     def set_rest_state(self) -> None:
         """Take what the start defines, after the first `measure`."""
@@ -75,9 +89,9 @@ class Scheme:
         """Largest stable time step beside the limits by speed and acceleration, s."""
         return float("inf")
 
+    @abc.abstractmethod
     def step(self, dt: float) -> dict[str, float]:
         """Advance velocity and position by dt; return statistics, with `pressure_iterations` among them."""
-        raise NotImplementedError
 
     def state(self) -> dict:
         """Arrays and numbers beside the carried fields that a restart needs."""

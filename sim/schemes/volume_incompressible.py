@@ -67,14 +67,7 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _measure(self):
         for i in range(self.count[None]):
-            total = self.volume[i] * self.search.kernel.at_zero
-            gradient = self.velocity[i] * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-                total += self.pairs.weight[k]
-                gradient += self.pairs.gradient[k]
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                total += self.wall_pairs.weight[k]
-                gradient += self.wall_pairs.gradient[k]
+            total, gradient = self.kernel_sums(i)
             self.compression_rate[i] = total
             self.kernel_gradient_sum[i] = gradient
         for b in range(self.walls.count):

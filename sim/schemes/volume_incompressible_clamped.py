@@ -77,14 +77,7 @@ class VolumeIncompressibleClamped(Scheme):
     @ti.kernel
     def _measure(self):
         for i in range(self.count[None]):
-            total = self.volume[i] * self.search.kernel.at_zero
-            gradient = self.velocity[i] * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-                total += self.pairs.weight[k]
-                gradient += self.pairs.gradient[k]
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
-                total += self.wall_pairs.weight[k]
-                gradient += self.wall_pairs.gradient[k]
+            total, gradient = self.kernel_sums(i)
             self.compression_rate[i] = total
             self.kernel_gradient_sum[i] = gradient
 
@@ -165,7 +158,7 @@ class VolumeIncompressibleClamped(Scheme):
         self._push_from_walls(self.divergence_pressure, dt)
         divergence = solver.timed("pressure", self._solve, self.divergence_pressure, dt, True)
         volume = solver.timed("position correction", self._correct_positions)
-        return statistics, divergence, volume, divergence
+        return statistics, divergence, volume, (divergence,)
 
     def _move_by_velocity(self, dt: float):
         solver = self.solver
@@ -174,18 +167,18 @@ class VolumeIncompressibleClamped(Scheme):
         statistics = solver.correct_velocity(dt)
         self._push_from_walls(self.volume_pressure, dt)
         volume = solver.timed("pressure", self._solve, self.volume_pressure, dt, False)
-        return statistics, divergence, volume, volume
+        return statistics, divergence, volume, (volume, divergence)
 
     def step(self, dt: float) -> dict[str, float]:
         if self.solver.step_count % EIGENVALUE_INTERVAL == 0:
             self.solver.timed("pressure", self.set_rest_state)
         advance = self._move_by_position if self.moves_positions else self._move_by_velocity
-        statistics, divergence, volume, main = advance(dt)
+        statistics, divergence, volume, converged = advance(dt)
         self.solver.timed("position correction", self._move, dt)
         return statistics | {
             "pressure_iterations": divergence[0] + volume[0], "divergence_iterations": divergence[0],
-            "volume_iterations": volume[0], "residual_mean": main[1], "residual_maximum": main[2],
-            "pressure_limit_hit": float(main[0] >= self.numerics.maximum_iterations),
+            "volume_iterations": volume[0], "residual_mean": converged[0][1], "residual_maximum": converged[0][2],
+            "pressure_limit_hit": float(max(solve[0] for solve in converged) >= self.numerics.maximum_iterations),
             "wall_contacts": float(self.wall_stop.total())}
 
     def state(self) -> dict:
