@@ -41,19 +41,20 @@ class TankParameters:
 
 
 def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: str = "regular",
-           support_ratio: float = 3.0) -> dict[str, np.ndarray]:
-    """Return the arrays of a 2D cavity.
+           support_ratio: float = 3.0, dimension: int = 2, seed: int = 0) -> dict[str, np.ndarray]:
+    """Return the arrays of a cavity.
 
     Parameters
     ----------
-    start : "regular": a box is a perfect lattice and a circle is packed; "packed": a box is packed from disorder too.
+    start : "regular": a box is a perfect lattice and a circle is packed; "packed": both are packed from disorder.
+    seed : of that disorder.
     """
-    arrays = shape_arrays(kind, size, spacing)
+    arrays = shape_arrays(kind, size, spacing, dimension=dimension)
     if kind == "box" and start == "regular":
         return arrays
     position = arrays["fluid_position"]
-    if kind == "box":
-        position = position + JITTER * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
+    if start == "packed":
+        position = position + JITTER * spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, position.shape)
     arrays["fluid_position"], _ = pack(position, arrays["fluid_volume"], arrays["wall_position"],
                                        arrays["wall_volume"], spacing, support_ratio, PACKING_STEPS)
     return arrays

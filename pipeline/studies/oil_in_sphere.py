@@ -1,0 +1,262 @@
+"""T7, the headline: oil in a sphere of water at rest, where tension, weight and contact angle set the shape.
+
+From a flat interface the run goes to rest; the arc of the wall that the oil touches, the height of the interface on
+the axis and the covered share of the wall are compared with the equations of Young and Laplace
+(`pipeline.young_laplace`). What is at rest does not depend on viscosity, which only has to let the liquids come to rest
+soon. Early agreement is no equilibrium: runs pass the reference on their way, so the history is drawn, and what is
+compared is the mean of its last fifth.
+
+Arc and angle come from the curve of Young and Laplace, with curvature and height free, that fits the zero of the level
+set best, without what lies within half a spacing of the wall. The covered share of the wall over-reads thin wedges:
+its reference is the same operator on particles that are labelled by the exact shape, which also shows what the fit
+itself reads wrong.
+"""
+import dataclasses
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pipeline.coverage import WallContact
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.young_laplace import Profile, covered_arc, distance_to, interface, oil_at_rest
+from sim.parameters import parameter
+from sim.settings import Liquid
+
+EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
+GRAVITY = 9.81
+WATER = 1005.0  # kg/m^3
+READINGS = 50  # of the history
+LATE = 0.2  # share of the run whose mean is compared
+NEAR_WALL = 0.5  # contour closer to the wall than this, in particle spacings, is not fitted
+FIT_POINTS, FIT_STEPS = 250, 120
+ROBUST, DROPPED = 0.3, 1.0  # residuals, in spacings, from which a point counts for less, and then is no interface
+FIGURES = (
+    Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
+    Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),
+    Figure("oil_in_sphere_coverage", "T7: wall that the oil covers", "time steps",
+           "covered share less that of ideal labels"),
+    Figure("oil_in_sphere_profile", "T7: interface at the end, points fitted", "r / R", "z / R"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """Oil in a sphere or circle full of water."""
+
+    dimension: int = parameter(3, choices=(2, 3), meaning="a circle or a sphere")
+    fill: float = parameter(0.8, exclusive_minimum=0.0, maximum=0.99, meaning="share of the cavity that is oil")
+    contact_angle: float = parameter(18.2, unit="deg", minimum=0.0, maximum=180.0,
+                                     meaning="contact angle through the water")
+    density_difference: float = parameter(-35.0, unit="kg/m**3", minimum=-500.0, maximum=500.0,
+                                          meaning="density of the oil less that of water; heavy oil sinks")
+    tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, meaning="interface tension")
+    oil_viscosity: float = parameter(0.1, unit="Pa*s", minimum=0.0, meaning="viscosity of the oil")
+    water_viscosity: float = parameter(0.1, unit="Pa*s", minimum=0.0, meaning="viscosity of the water")
+    radius: float = parameter(0.011, unit="m", exclusive_minimum=0.0, meaning="radius of the cavity")
+    steps: int = parameter(5000, minimum=50, meaning="time steps at least")
+    seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
+    resolutions: tuple[int, ...] = parameter((11,), minimum=6, meaning="particles along the radius, coarse to fine")
+    arc_tolerance: float = parameter(5.0, unit="deg", exclusive_minimum=0.0, meaning="allowed error of the arc")
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """What is read from a solver: arc and angle of contact, deg, apex, m, covered share, and how well the fit fits."""
+
+    arc: float
+    angle: float
+    apex: float
+    coverage: float
+    misfit: float  # root mean square distance of the contour from the fitted curve, in particle spacings
+    speed: float
+
+
+def run(case: Parameters) -> Outcome:
+    """Run to rest at every resolution and compare with the shape of Young and Laplace."""
+    outcome = Outcome()
+    exact = oil_at_rest(case.fill, np.radians(case.contact_angle), _capillary_constant(case), case.radius,
+                        case.dimension)
+    name = (f"{case.dimension}D {case.contact_angle:g} deg fill {case.fill:g}"
+            + (" heavy" if case.density_difference > 0.0 else "") + f" seed {case.seed}")
+    for resolution in case.resolutions:
+        result, ideal = rest(case, exact, resolution)
+        outcome.rows += _rows(case, exact, ideal, result)
+        outcome.remarks += result.remarks(name)
+        if not result.failure:
+            outcome.curves += _curves(case, exact, ideal, result, f"{name} {result.label}")
+    return outcome
+
+
+def rest(case: Parameters, exact: Profile, resolution: int) -> tuple[Run, Reading]:
+    """Run to rest from a flat interface; also return what is read from ideally labelled particles."""
+    spacing = case.radius / resolution
+    arrays = cavity("circle", case.radius, spacing, start="packed", support_ratio=case.support_ratio,
+                    dimension=case.dimension, seed=case.seed)
+    ideal = _ideal(case, exact, arrays)
+    solver = _build(case, arrays, lambda x: _flat(case, x))
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    until = case.steps * min(tension.stable_time_step(), solver.settings.numerics.maximum_time_step)
+    return advance(solver, until, f"R/dx={resolution}", _watch(case, arrays)), ideal
+
+
+def _capillary_constant(case: Parameters) -> float:
+    return abs(case.density_difference) * GRAVITY / case.tension
+
+
+def _up(case: Parameters) -> float:
+    """Direction towards which the oil goes, along y."""
+    return 1.0 if case.density_difference <= 0.0 else -1.0
+
+
+def _flat(case: Parameters, position: np.ndarray) -> np.ndarray:
+    """Label the particles above (heavy oil: below) a level so that the fill is met."""
+    phase = np.zeros(len(position))
+    phase[np.argsort(-_up(case) * position[:, 1], kind="stable")[: round(case.fill * len(position))]] = 1
+    return phase
+
+
+def _build(case: Parameters, arrays, phase):
+    liquids = (Liquid("water", WATER, case.water_viscosity),
+               Liquid("oil", WATER + case.density_difference, case.oil_viscosity))
+    effects = {"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
+               "interface_tension": {"coefficient": case.tension, "contact_angle": case.contact_angle}}
+    # The limit of the tension is below that of the buoyancy, which is all that is left of gravity here.
+    return build(case, arrays, liquids=liquids, effects=effects, phase=phase)
+
+
+def _ideal(case: Parameters, exact: Profile, arrays) -> Reading:
+    """Read particles at their start that are labelled by the exact shape."""
+    upright = np.ones(case.dimension)
+    upright[1] = _up(case)
+    solver = _build(case, arrays, lambda x: exact.is_oil(upright * x))
+    for _ in range(10):  # the level set behind the wall follows that of the update before
+        solver.prepare_output()
+    return read(case, solver, arrays)
+
+
+def _watch(case: Parameters, arrays):
+    """Return a function that reads the solver from time to time and repeats itself in between."""
+    last: dict[str, float] = {}
+
+    def watch(solver) -> dict[str, float]:
+        if not last:
+            solver.prepare_output()
+        if not last or solver.step_count % max(1, case.steps // READINGS) == 0:
+            last.update(dataclasses.asdict(read(case, solver, arrays)))
+        return dict(last)
+
+    return watch
+
+
+def read(case: Parameters, solver, arrays) -> Reading:
+    """Read arc, angle, apex and coverage of the present state."""
+    position, phase, velocity = (field(solver, name) for name in ("position", "phase", "velocity"))
+    contact = WallContact.of(arrays, position, phase, particle_spacing=solver.spacing,
+                             support_radius=solver.support_radius)
+    speed = float(np.sqrt((velocity**2).sum(axis=1).mean()))
+    r, z = contour(case, solver)
+    if len(r) < 5:
+        return Reading(np.nan, np.nan, np.nan, contact.covered_share(), np.nan, speed)
+    arc, angle, apex, misfit = fit(r, z, _capillary_constant(case), case.radius, case.dimension, solver.spacing)
+    return Reading(arc, angle, apex, contact.covered_share(), misfit, speed)
+
+
+def contour(case: Parameters, solver) -> tuple[np.ndarray, np.ndarray]:
+    """Return distance from the axis and height towards the oil's pole of the interface away from the wall, m."""
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    point = tension.point.to_numpy()[: tension.point_count[None]].astype(float)
+    point = point[solver.distance.at(point) < -NEAR_WALL * solver.spacing]
+    return np.linalg.norm(np.delete(point, 1, axis=1), axis=1), _up(case) * point[:, 1]
+
+
+def fit(r, z, capillary_constant: float, radius: float, dimension: int, spacing: float) -> tuple[float, ...]:
+    """Fit curvature and height on the axis of a profile of Young and Laplace to points of an interface.
+
+    Returns
+    -------
+    Arc and angle of contact, deg, apex, m, and the root mean square distance in spacings; arc and angle are nan where
+    the fitted curve does not meet the wall.
+    """
+    some = np.linspace(0, len(r) - 1, min(len(r), FIT_POINTS)).astype(int)
+    r, z = r[some], z[some]
+
+    def curve(b: float):
+        length = radius * min(3.2, 1.2 * np.pi * dimension / max(abs(b) * radius, 1e-9))
+        return (column[:, 0] for column in interface(b, capillary_constant, dimension, length, FIT_STEPS))
+
+    def distance(unknown) -> np.ndarray:
+        r_curve, z_curve, _ = curve(unknown[0] / radius)
+        return distance_to(r, z, r_curve, z_curve + unknown[1] * radius) / spacing
+
+    low = z[np.argsort(r)[: max(3, len(r) // 20)]].mean() / radius
+    best = least_squares(distance, (0.5, low), loss="cauchy", f_scale=ROBUST, diff_step=1e-4,
+                         bounds=((-20.0, -1.0), (20.0, 1.0)))
+    near = np.abs(distance(best.x)) < max(DROPPED, 2.0 * np.median(np.abs(distance(best.x))))
+    if not near.all():  # once more without droplets left behind
+        r, z = r[near], z[near]
+        best = least_squares(distance, best.x, loss="soft_l1", f_scale=ROBUST, diff_step=1e-4,
+                             bounds=((-20.0, -1.0), (20.0, 1.0)))
+    misfit = float(np.sqrt((distance(best.x) ** 2).mean()))
+    r_curve, z_curve, phi = curve(best.x[0] / radius)
+    z_curve = z_curve + best.x[1] * radius
+    miss = np.hypot(r_curve, z_curve) - radius
+    ends = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
+    apex = float(best.x[1] * radius)
+    if not len(ends):
+        return np.nan, np.nan, apex, misfit
+    n = ends[0]
+    t = miss[n] / (miss[n] - miss[n + 1])
+    r_end, z_end, phi_end = ((1.0 - t) * values[n] + t * values[n + 1] for values in (r_curve, z_curve, phi))
+    beta = np.arctan2(r_end, -z_end)
+    return float(360.0 - 2.0 * np.degrees(beta)), float(np.degrees(beta - phi_end)), apex, misfit
+
+
+def _late(result: Run, name: str) -> np.ndarray:
+    """What was read in the last part of the run."""
+    if result.failure:
+        return np.array([np.nan])
+    return result.history[name][result.history["time"] > (1.0 - LATE) * result.until]
+
+
+def _rows(case: Parameters, exact: Profile, ideal: Reading, result: Run) -> list[Row]:
+    spacing, common = result.solver.spacing, {"at": result.label, "wall_s": result.wall_s}
+    arc, angle, apex, coverage = (float(_late(result, name).mean()) for name in ("arc", "angle", "apex", "coverage"))
+    half = _late(result, "arc")
+    drift = abs(float(half[len(half) // 2:].mean() - half[: max(1, len(half) // 2)].mean()))
+    capillary = max(case.oil_viscosity, case.water_viscosity) * float(_late(result, "speed").mean()) / case.tension
+    return [Row("arc of contact", arc, "deg", reference=exact.arc, error=abs(arc - exact.arc),
+                tolerance=case.arc_tolerance, **common),
+            Row("contact angle of the fit", angle, "deg", reference=case.contact_angle,
+                error=abs(angle - case.contact_angle), **common),
+            Row("height on the axis / spacing", apex / spacing, reference=exact.apex / spacing,
+                error=abs(apex - exact.apex) / spacing, tolerance=1.0, **common),
+            Row("covered share of the wall, reference: ideal labels", coverage, reference=ideal.coverage,
+                error=abs(coverage - ideal.coverage), **common),
+            Row("covered arc of the wall, reference: ideal labels", covered_arc(coverage, case.dimension), "deg",
+                reference=covered_arc(ideal.coverage, case.dimension),
+                error=abs(covered_arc(coverage, case.dimension) - covered_arc(ideal.coverage, case.dimension)),
+                **common),
+            Row("covered share of the exact shape", exact.coverage, **common),
+            Row("arc of ideal labels by the fit", ideal.arc, "deg", reference=exact.arc,
+                error=abs(ideal.arc - exact.arc), **common),
+            Row("height on the axis of ideal labels / spacing", ideal.apex / spacing, reference=exact.apex / spacing,
+                error=abs(ideal.apex - exact.apex) / spacing, **common),
+            Row("distance of the interface from the fitted curve / spacing", float(_late(result, "misfit").mean()),
+                **common),
+            bounded("drift of the arc over the last tenth", drift, 1.0, "deg", **common),
+            Row("viscosity x rms speed / tension at the end", capillary, **common), *result.rows()]
+
+
+def _curves(case: Parameters, exact: Profile, ideal: Reading, result: Run, name: str) -> list[Curve]:
+    shown = slice(None, None, max(1, case.steps // READINGS))
+    steps = np.arange(len(result.history["time"]))[shown]
+    arc, apex, coverage = (result.history[key][shown] for key in ("arc", "apex", "coverage"))
+    curves = [Curve("oil_in_sphere_arc", name, steps, arc - exact.arc, "line"),
+              Curve("oil_in_sphere_apex", name, steps, (apex - exact.apex) / result.solver.spacing, "line"),
+              Curve("oil_in_sphere_coverage", name, steps, coverage - ideal.coverage, "line")]
+    r, z = contour(case, result.solver)
+    some = slice(None, None, max(1, len(r) // 150))
+    return [*curves, Curve("oil_in_sphere_profile", name, r[some] / case.radius, z[some] / case.radius),
+            Curve("oil_in_sphere_profile", f"exact {case.dimension}D {case.contact_angle:g} deg fill {case.fill:g}",
+                  exact.r / case.radius, exact.z / case.radius, "reference")]
