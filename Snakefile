@@ -47,6 +47,7 @@ rule all:
     input:
         expand("outputs/{scene}/movie.mp4", scene=flow.names),
         expand("outputs/{scene}/metrics.csv", scene=flow.names),
+        expand("outputs/{scene}/advice.html", scene=flow.names),
         expand("outputs/{scene}/frames/frames.pvd", scene=flow.names),
     message: "all done: {input}"
 
@@ -89,6 +90,22 @@ rule voxelize:
     message: "{wildcards.scene}: fill the cavity with particles",
     shell:
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
+        " 2>&1 | tee {log}"
+
+
+rule advise:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/initial.npz",
+    output:
+        report("outputs/{scene}/advice.html", category="{scene}", caption="docs/report/advice.rst",
+               labels={"what": "7 advice: numbers, time scales, time step"}),
+    params:
+        depends=flow.depends("advise"),
+    log: "outputs/{scene}/logs/advise.log",
+    message: "{wildcards.scene}: advise on the effects"
+    shell:
+        "python -m pipeline.advise {input.scene} --initial {input.initial} --format html --output {output}"
         " 2>&1 | tee {log}"
 
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scene_reader import Key
-from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
+from sim.time_step import known_limits
 
 Found = Iterator[tuple[Key, str]]
 
@@ -181,9 +181,7 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
     closed, spacing = is_closed(container, blocks), numerics.particle_spacing
     settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
                         numerics, tuple(effects.values()), closed, schemes.get(numerics.scheme))
-    limits = {"numerics.maximum_time_step": numerics.maximum_time_step,
-              f"the scheme {numerics.scheme}": SCHEMES[numerics.scheme].time_step_limit(settings)}
-    limits |= {f"effects.{name}": REGISTRY[name].time_step_limit(values, settings) for name, values in effects.items()}
+    limits = known_limits(settings)
     if not closed and "gravity" in effects and effects["gravity"].magnitude > 0.0:
         # What falls freely; in a full cavity only the buoyancy accelerates.
         limits["effects.gravity"] = 0.5 * math.sqrt(spacing / effects["gravity"].magnitude)

@@ -14,7 +14,8 @@ from pipeline.scene_model import Scene
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pipeline", "sim")
-WITHOUT_INFLUENCE = ("pipeline.cli", "pipeline.errors", "pipeline.progress")  # these only speak to the user
+# These only speak to the user.
+WITHOUT_INFLUENCE = ("pipeline.advise", "pipeline.cli", "pipeline.errors", "pipeline.progress")
 # How a scene was read does not matter beside its values, which the digest holds.
 INSTEAD = {"pipeline.scene": "pipeline.scene_model"}
 # Packages with one file per choice: a scene depends on the files it calls for, not on the others.
@@ -23,6 +24,7 @@ WORDS = ("title", "description", "label")
 PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
+    "advise": ("description", "label", *PICTURE, "liquids.color", "liquids.source"),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
             "liquids"),
     "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", "liquids.color", "liquids.source"),
@@ -72,7 +74,7 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
     while waiting:
         name = waiting.pop()
         path = _file(name)
-        if path is None or path in found.values() or name in WITHOUT_INFLUENCE:
+        if path is None or path in found.values() or (name in WITHOUT_INFLUENCE and name != module):
             continue
         if name in CHOICES:
             waiting += [f"{name}.{choice}" for choice in chosen if _file(f"{name}.{choice}")]

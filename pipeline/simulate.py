@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.advise import report_of, text_of
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
@@ -201,6 +202,8 @@ def main() -> None:
     if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
         raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
     initial = load_initial(arguments.initial)
+    if arguments.segment == 0:
+        print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
     from sim.runtime import initialize
 

@@ -90,7 +90,7 @@ def test_simulation_depends_on_the_effects_of_its_scene_only():
 
 
 def test_every_stage_has_a_digest_that_ignores_the_solver_where_it_is_not_run():
-    for stage in ("scene", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames"):
+    for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames"):
         used = digest.modules_used(f"pipeline.{stage}", {"gravity"})
         assert ROOT / "pipeline" / f"{stage}.py" in used
         assert ROOT / "sim" / "solver.py" not in used, stage
@@ -121,7 +121,7 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
     assert changed(red) == {"render"}
-    assert changed(long) == set()
+    assert changed(long) == {"advise"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
 
 

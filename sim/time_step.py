@@ -1,0 +1,20 @@
+"""Limits of the time step that follow from the settings alone, known before anything is compiled."""
+from sim.effects import REGISTRY
+from sim.schemes import REGISTRY as SCHEMES
+from sim.settings import Settings
+
+
+def known_limits(settings: Settings) -> dict[str, float]:
+    """Return the limit (s, infinite where there is none) of the numerics, of the scheme and of every active effect.
+
+    Limits by speeds and accelerations are not among them: those come with the run.
+    """
+    numerics = settings.numerics
+    scheme = SCHEMES[numerics.scheme].variant(settings)
+    limits = {"numerics.maximum_time_step": numerics.maximum_time_step,
+              f"the scheme {numerics.scheme}": scheme.time_step_limit(settings)}
+    effects = {effect.Parameters: effect for effect in REGISTRY.values()}
+    for parameters in settings.effects:
+        effect = effects[type(parameters)]
+        limits[f"effects.{effect.name}"] = effect.time_step_limit(parameters, settings)
+    return limits
