@@ -176,8 +176,8 @@ def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Materi
 
 def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
                               dimension: int, container: Container | None, blocks: tuple[Block, ...]) -> Found:
-    if numerics.time_step is None:
-        return
+    if numerics.time_step is None or ("interface_tension" in effects and len(liquids) < 2):
+        return  # tension without a second liquid is an error already, and has no limit
     closed, spacing = is_closed(container, blocks), numerics.particle_spacing
     settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
                         numerics, tuple(effects.values()), closed, schemes.get(numerics.scheme))

@@ -231,8 +231,7 @@ def _cost_of_viscosity(scales: Scales, name: str, limits: list[Limit]) -> Found:
     if name == "viscosity" and steps > IMPLICIT_STEP_COST:
         yield Advice(WARNING, name, f"viscosity_implicit would be cheaper: explicit viscosity takes {steps:.3g} steps "
                                     f"for one that everything else allows (cheaper up to {IMPLICIT_STEP_COST:g})")
-    # Explicit viscosity knows liquids, not their mixtures.
-    if name == "viscosity_implicit" and steps <= 1.0 and "diffusion" not in scales.scene.effects:
+    if name == "viscosity_implicit" and steps <= 1.0:
         yield Advice(WARNING, name, f"explicit viscosity would be cheaper: it needs no solve and {steps:.2g} steps for "
                                     "one that everything else allows, so up to 1 it costs no further step")
 

@@ -159,6 +159,9 @@ BAD = {
     "time step of viscosity": ("numerics: {time_step: 2 ms}\neffects: {viscosity: {}}\nliquids: {aqueous: {}, "
                                "silicone_oil_1000: {dynamic_viscosity: 100 Pa s}}",
                                "numerics.time_step is 0.002 s, which is unstable"),
+    "time step of no interface": ("numerics: {time_step: 1 ms}\nliquids: {silicone_oil_1000: null}\nblocks: [{liquid: "
+                                  "aqueous, lower: [0, 0], upper: [1, 1]}]\neffects: {interface_tension: "
+                                  "{coefficient: 40 mN/m}}", "interface_tension needs two liquids at least"),
     "small time step": ("numerics: {time_step: 1e-9}", "must be at least minimum_time_step"),
 }
 
