@@ -72,7 +72,8 @@ def _strength(scales: Scales, limits: list[Limit]) -> Found:
                               ("diffusion", "coefficient", "m2/s"), ("cohesion", "gamma", "N m3/kg2"),
                               ("curvature", "gamma", "m/s2")):
         parameters = scales.scene.effects.get(effect)
-        if parameters and getattr(parameters, key) == 0.0:
+        jolted = effect == "gravity" and scales.jolts
+        if parameters and getattr(parameters, key) == 0.0 and not jolted:
             yield Advice(WARNING, effect, f"does nothing: its {key} is 0 {unit}, not above 0")
 
 
@@ -111,10 +112,10 @@ def _turns(scales: Scales, limits: list[Limit]) -> Found:
         if event.start >= scales.duration:
             yield Advice(WARNING, "gravity", f"{what} is not reached: it starts at {shown(event.start, 's')}, but the "
                                              f"scene ends at {shown(scales.duration, 's')}")
-    ratio = scales.turn_acceleration / acceleration if (acceleration := scales.buoyancy(scales.gravity)) else 0.0
-    if ratio > INERTIA_OF_TURN:
-        yield Advice(NOTE, "gravity", f"the inertial forces of a turn are left out: the wall accelerates by up to "
-                                      f"{shown(scales.turn_acceleration, 'm/s2')}, {ratio:.2g} times the buoyancy "
+    buoyancy, inertia = scales.buoyancy(scales.gravity), scales.turn_acceleration
+    if buoyancy and inertia > INERTIA_OF_TURN * buoyancy:
+        yield Advice(NOTE, "gravity", "the inertial forces of a turn are left out: the wall accelerates by up to "
+                                      f"{shown(inertia, 'm/s2')}, {inertia / buoyancy:.2g} times the buoyancy "
                                       f"(small below {INERTIA_OF_TURN:g})")
 
 
@@ -186,7 +187,10 @@ def _viscosity(scales: Scales, limits: list[Limit]) -> Found:
     name = next((name for name in ("viscosity", "viscosity_implicit") if name in scales.scene.effects), None)
     layers = {liquid.name: scales.layer(liquid) for liquid in scales.liquids}
     thickest = max(layers, key=layers.get)
-    if name is None:
+    if scales.speed == 0.0 and scales.scene.start_from is None:
+        if name:
+            yield Advice(WARNING, name, "cannot be seen: nothing sets the liquids in motion, U is 0 m/s, not above 0")
+    elif name is None:
         yield _missing_viscosity(scales, limits, thickest)
     elif not _is_seen(layers[thickest], scales):
         yield Advice(WARNING, name, f"cannot be seen: it acts in a layer of {_times(layers[thickest], scales)} of "
@@ -257,8 +261,12 @@ def _injection(scales: Scales, limits: list[Limit]) -> Found:
         return
     end = injection.start + scales.injected_volume / injection.flow
     if end > scales.duration:
-        yield Advice(WARNING, "injection", f"does not reach its fill: it would end at {shown(end, 's')}, but the scene "
-                                           f"ends at {shown(scales.duration, 's')}")
+        but = f", but the scene ends at {shown(scales.duration, 's')}"
+        if scales.scene.start_from is None:
+            yield Advice(WARNING, "injection", f"does not reach its fill: it would end at {shown(end, 's')}{but}")
+        else:
+            yield Advice(NOTE, "injection", f"may not reach its fill: it would end at {shown(end, 's')} if the scene "
+                                            f"before had left none of its liquid{but}")
     else:
         yield Advice(SEEN_EFFECT, "injection", f"it ends at {shown(end, 's')}, within the "
                                                f"{shown(scales.duration, 's')} of the scene")

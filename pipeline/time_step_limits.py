@@ -69,8 +69,9 @@ def _acoustic_limit(scales: Scales) -> Limit:
     parameters = scene.schemes.get("wcsph") or WCSPHParameters()
     support = scene.numerics.support_ratio * scales.spacing
     expected = [scales.speed]
-    if scene.closed:  # it expects the fall through the cavity, whatever viscosity makes of it
-        expected.append(math.sqrt(4.0 * scales.buoyancy(scales.gravity) * scales.length))
+    if scene.closed:  # it expects the fall through the cavity, whatever viscosity makes of it, and jolts in full
+        expected.append(math.sqrt(2.0 * scales.buoyancy(scales.gravity) * scales.width))
+        expected += [2.0 / math.pi * math.hypot(*jolt.acceleration) * jolt.duration for jolt in scales.jolts]
     if scales.tension:
         expected.append(math.sqrt(math.pi * scales.tension / (2.0 * scales.density * scales.spacing)))
     if "cohesion" in scene.effects:
