@@ -14,7 +14,6 @@ itself reads wrong.
 import dataclasses
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pipeline.coverage import WallContact
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
@@ -30,7 +29,9 @@ READINGS = 50  # of the history
 LATE = 0.2  # share of the run whose mean is compared
 NEAR_WALL = 0.5  # contour closer to the wall than this, in particle spacings, is not fitted
 FIT_POINTS, FIT_STEPS = 250, 120
-ROBUST, DROPPED = 0.3, 1.0  # residuals, in spacings, from which a point counts for less, and then is no interface
+FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
+FIT_ITERATIONS, FIT_DIFFERENCE = 40, 1e-4
+ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
 FIGURES = (
     Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
     Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),
@@ -181,35 +182,62 @@ def fit(r, z, capillary_constant: float, radius: float, dimension: int, spacing:
     some = np.linspace(0, len(r) - 1, min(len(r), FIT_POINTS)).astype(int)
     r, z = r[some], z[some]
 
-    def curve(b: float):
-        length = radius * min(3.2, 1.2 * np.pi * dimension / max(abs(b) * radius, 1e-9))
-        return (column[:, 0] for column in interface(b, capillary_constant, dimension, length, FIT_STEPS))
+    def curves(b):
+        length = radius * np.minimum(3.2, 1.2 * np.pi * dimension / np.maximum(np.abs(b), 1e-9))
+        return interface(np.asarray(b) / radius, capillary_constant, dimension, length, FIT_STEPS)
 
-    def distance(unknown) -> np.ndarray:
-        r_curve, z_curve, _ = curve(unknown[0] / radius)
-        return distance_to(r, z, r_curve, z_curve + unknown[1] * radius) / spacing
+    def distances(b, heights):
+        """Distances in spacings from the curves of every b at its height; beyond the wall a curve is none."""
+        found = []
+        r_curves, z_curves, _ = curves(b)
+        for r_curve, z_curve, height in zip(r_curves.T, z_curves.T, heights, strict=True):
+            z_curve = z_curve + height * radius
+            end = np.argmax(np.append(np.hypot(r_curve, z_curve) > radius + spacing, True)) + 1
+            found.append(distance_to(r, z, r_curve[:end], z_curve[:end]) / spacing)
+        return found
 
     low = z[np.argsort(r)[: max(3, len(r) // 20)]].mean() / radius
-    best = least_squares(distance, (0.5, low), loss="cauchy", f_scale=ROBUST, diff_step=1e-4,
-                         bounds=((-20.0, -1.0), (20.0, 1.0)))
-    near = np.abs(distance(best.x)) < max(DROPPED, 2.0 * np.median(np.abs(distance(best.x))))
-    if not near.all():  # once more without droplets left behind
-        r, z = r[near], z[near]
-        best = least_squares(distance, best.x, loss="soft_l1", f_scale=ROBUST, diff_step=1e-4,
-                             bounds=((-20.0, -1.0), (20.0, 1.0)))
-    misfit = float(np.sqrt((distance(best.x) ** 2).mean()))
-    r_curve, z_curve, phi = curve(best.x[0] / radius)
-    z_curve = z_curve + best.x[1] * radius
-    miss = np.hypot(r_curve, z_curve) - radius
+    first = distances(FIT_STARTS, [low] * len(FIT_STARTS))
+    promising = np.argsort([np.median(np.abs(one)) for one in first])[:3]
+    fitted = [_refined(distances, np.array([FIT_STARTS[k], low])) for k in promising]
+    unknown, misfit = min(fitted, key=lambda one: one[1])
+    r_curve, z_curve, phi = (column[:, 0] for column in curves(unknown[:1]))
+    return *_contact(r_curve, z_curve + unknown[1] * radius, phi, radius), float(unknown[1] * radius), misfit
+
+
+def _weight(distance: np.ndarray) -> np.ndarray:
+    """Cauchy's weights of points at a distance from the curve, in spacings."""
+    return 1.0 / (1.0 + (distance / ROBUST) ** 2)
+
+
+def _refined(distances, unknown: np.ndarray) -> tuple[np.ndarray, float]:
+    """Improve curvature and height by weighted least squares (Gauss and Newton); return also how far points are."""
+    for _ in range(FIT_ITERATIONS):
+        step = FIT_DIFFERENCE * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        here, bent, lifted = distances(*(unknown + step).T)
+        slope = np.stack([bent - here, lifted - here], axis=1) / FIT_DIFFERENCE
+        weighted = slope * _weight(here)[:, None]
+        matrix = weighted.T @ slope
+        change = -np.linalg.solve(matrix + 1e-9 * np.trace(matrix) * np.eye(2), weighted.T @ here)
+        change *= min(1.0, 0.5 / np.abs(change).max())
+        unknown = unknown + change
+        if np.abs(change).max() < 1e-5:
+            break
+    (here,) = distances(*unknown[:, None])
+    return unknown, float(np.sqrt(np.average(here**2, weights=_weight(here))))
+
+
+def _contact(r: np.ndarray, z: np.ndarray, phi: np.ndarray, radius: float) -> tuple[float, float]:
+    """Arc and angle, deg, where a curve with inclination phi first meets the wall."""
+    miss = np.hypot(r, z) - radius
     ends = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
-    apex = float(best.x[1] * radius)
     if not len(ends):
-        return np.nan, np.nan, apex, misfit
+        return np.nan, np.nan
     n = ends[0]
     t = miss[n] / (miss[n] - miss[n + 1])
-    r_end, z_end, phi_end = ((1.0 - t) * values[n] + t * values[n + 1] for values in (r_curve, z_curve, phi))
+    r_end, z_end, phi_end = ((1.0 - t) * values[n] + t * values[n + 1] for values in (r, z, phi))
     beta = np.arctan2(r_end, -z_end)
-    return float(360.0 - 2.0 * np.degrees(beta)), float(np.degrees(beta - phi_end)), apex, misfit
+    return float(360.0 - 2.0 * np.degrees(beta)), float(np.degrees(beta - phi_end))
 
 
 def _late(result: Run, name: str) -> np.ndarray:
