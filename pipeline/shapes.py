@@ -3,7 +3,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.container import box_arrays
+from pipeline.container import box_arrays, distance_to_box
 from pipeline.initial import initial_arrays
 from pipeline.lattice import deepest_points
 from pipeline.signed_distance import distance_of_function
@@ -11,7 +11,7 @@ from pipeline.wall_layers import wall_layers as layers_on_surface
 
 
 def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: float, *, dimension: int = 2,
-                 wall_layers: int = 3) -> dict[str, np.ndarray]:
+                 wall_layers: int = 3, periodic: Sequence[int] = ()) -> dict[str, np.ndarray]:
     """Arrays of ``initial.npz`` for a simple cavity centered on the origin.
 
     The liquid of a round cavity is a lattice that still has to be packed (``sim.packing.pack``); that of a box fills
@@ -24,11 +24,13 @@ def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: flo
     particle_spacing : dx, m.
     dimension : 2 or 3.
     wall_layers : layers of wall particles.
+    periodic : axes along which a box has no walls but repeats itself.
 
     Returns
     -------
     dict of fluid_position (n, D), fluid_volume (n,), wall_position (m, D), wall_volume (m,), wall_distance (m,),
-    sdf_values, sdf_origin (D,), sdf_cell (), cavity_volume (), particle_spacing (), dimension (). SI units.
+    sdf_values, sdf_origin (D,), sdf_cell (), cavity_volume (), particle_spacing (), dimension (), SI units; and, with
+    periodic axes, periods (D,), m, 0 along the others.
 
     Raises
     ------
@@ -37,7 +39,8 @@ def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: flo
     if kind in ("circle", "sphere"):
         return _round_arrays(float(size), particle_spacing, dimension, wall_layers)
     if kind == "box":
-        return _box_arrays(np.asarray(size, float), particle_spacing, dimension, wall_layers)
+        arrays = _box_arrays(np.asarray(size, float), particle_spacing, dimension, wall_layers)
+        return _without_ends(arrays, np.asarray(size, float), periodic) if len(periodic) else arrays
     raise ValueError(f'kind is "{kind}", but must be "circle", "sphere" or "box"')
 
 
@@ -49,6 +52,19 @@ def _round_arrays(radius: float, spacing: float, dimension: int, layers: int) ->
     fluid = deepest_points(distance, -corner, corner, round(volume / spacing**dimension), spacing)
     walls = _rings(radius, spacing, layers) if dimension == 2 else layers_on_surface(distance, spacing, layers)
     return initial_arrays(fluid, walls, distance, volume, spacing)
+
+
+def _without_ends(arrays: dict[str, np.ndarray], sides: np.ndarray, periodic: Sequence[int]) -> dict[str, np.ndarray]:
+    """The same box without the walls at the ends of its periodic axes."""
+    repeats = np.isin(np.arange(len(sides)), periodic)
+    between = (np.abs(arrays["wall_position"]) < 0.5 * sides)[:, repeats].all(axis=1)
+    walls = {name: arrays[name][between] for name in ("wall_position", "wall_volume")}
+    far = np.where(repeats, 1e3 * sides.max(), 0.5 * sides)
+    spacing = float(arrays["particle_spacing"])
+    distance = distance_of_function(lambda points: distance_to_box(points, -far, far), -0.5 * sides, 0.5 * sides,
+                                    0.5 * spacing, margin=5.0 * spacing)
+    return arrays | walls | {"wall_distance": distance_to_box(walls["wall_position"], -far, far),
+                             "sdf_values": distance.values, "periods": np.where(repeats, sides, 0.0)}
 
 
 def _ball_volume(radius: float, dimension: int) -> float:

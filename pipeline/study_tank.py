@@ -41,22 +41,25 @@ class TankParameters:
 
 
 def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: str = "regular",
-           support_ratio: float = 3.0, dimension: int = 2, seed: int = 0) -> dict[str, np.ndarray]:
+           support_ratio: float = 3.0, dimension: int = 2, seed: int = 0,
+           periodic: Sequence[int] = ()) -> dict[str, np.ndarray]:
     """Return the arrays of a cavity.
 
     Parameters
     ----------
     start : "regular": a box is a perfect lattice and a circle is packed; "packed": both are packed from disorder.
     seed : of that disorder.
+    periodic : axes along which a box has no walls but repeats itself.
     """
-    arrays = shape_arrays(kind, size, spacing, dimension=dimension)
+    arrays = shape_arrays(kind, size, spacing, dimension=dimension, periodic=periodic)
     if kind == "box" and start == "regular":
         return arrays
     position = arrays["fluid_position"]
     if start == "packed":
         position = position + JITTER * spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, position.shape)
     arrays["fluid_position"], _ = pack(position, arrays["fluid_volume"], arrays["wall_position"],
-                                       arrays["wall_volume"], spacing, support_ratio, PACKING_STEPS)
+                                       arrays["wall_volume"], spacing, support_ratio, PACKING_STEPS,
+                                       tuple(arrays.get("periods", ())))
     return arrays
 
 
@@ -77,6 +80,7 @@ def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Seque
         position, volume = position[keep], volume[keep]
     settings = Settings(
         dimension=position.shape[1], liquids=tuple(liquids), closed=filled is None,
+        periods=tuple(arrays.get("periods", ())),
         effects=tuple(REGISTRY[name].Parameters(**values) for name, values in effects.items()),
         numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), scheme=case.scheme, kernel=case.kernel,
                           support_ratio=case.support_ratio, precision="f64", **numerics))

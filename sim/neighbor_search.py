@@ -5,6 +5,8 @@ particle, its liquid neighbors and its wall neighbors, and a second one the liqu
 index, V_j grad_i W_ij and V_j W_ij. Later passes stream these rows and never touch the grid again.
 Rows have a fixed width; an overflow is an error, never a lost neighbor.
 """
+import itertools
+
 import numpy as np
 import taichi as ti
 
@@ -13,6 +15,13 @@ from sim.fields import ParticleStore
 from sim.runtime import real
 
 REACH = 2  # cells on each side that can hold neighbors
+
+
+def corners(wall_position: np.ndarray, periods) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner, (dimension,), m, of the box around the walls and the periodic axes."""
+    half = 0.5 * np.array(periods or (0.0,) * wall_position.shape[1])
+    points = np.concatenate([wall_position, [-half, half]]) if np.any(half) else wall_position
+    return points.min(axis=0), points.max(axis=0)
 
 
 @ti.data_oriented
@@ -46,16 +55,28 @@ class NeighborSearch:
     kernel : smoothing kernel.
     lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
     particle_spacing : m; crowding : particles per rest volume that must fit; both set the width of the rows.
+    periods : length after which an axis repeats, m, 0 where it does not; empty where none does.
+
+    Raises
+    ------
+    ValueError
+        When a period is shorter than two support radii: a particle would meet another one twice.
     """
 
     def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float,
-                 crowding: float = 1.25):
+                 crowding: float = 1.25, periods=()):
         self.particles = particles
         self.position = particles.arrays["position"]
         self.volume = particles.arrays["volume"]
         self.kernel = kernel
         self.dimension = particles.dimension
         h = kernel.support_radius
+        self.periods = tuple(float(period) for period in periods) or (0.0,) * self.dimension
+        if any(0.0 < period < 2.0 * h for period in self.periods):
+            raise ValueError(f"periods are {self.periods} m, but must be 0 or at least two support radii, {2.0 * h} m")
+        # A particle near the end of a periodic axis looks for neighbors from its place beyond the other end too.
+        self.images = [ti.Vector(image) for image in itertools.product(
+            *[(0.0, -period, period) if period else (0.0,) for period in self.periods])]
         # Cells of half the support: 5^d of them hold 40 % fewer candidates than 3^d cells of the whole support.
         self.cell = 0.5 * h * (1.0 + 1e-6)
         self.origin_numpy = np.asarray(lower) - (REACH + 0.5) * self.cell
@@ -105,6 +126,32 @@ class NeighborSearch:
             index += ti.min(ti.max(c, REACH), self.shape[d] - 1 - REACH) * self.strides[d]
         return index
 
+    @ti.func
+    def separation(self, x_i, x_j):
+        """x_i - x_j, along periodic axes to the nearest image, m."""
+        d = x_i - x_j
+        for axis in ti.static(range(self.dimension)):
+            if ti.static(self.periods[axis] > 0.0):
+                d[axis] -= self.periods[axis] * ti.round(d[axis] / self.periods[axis])
+        return d
+
+    @ti.func
+    def _near(self, x):
+        """True where x is within a support radius of the periods."""
+        near = True
+        for axis in ti.static(range(self.dimension)):
+            if ti.static(self.periods[axis] > 0.0):
+                near = near and ti.abs(x[axis]) <= 0.5 * self.periods[axis] + self.kernel.support_radius
+        return near
+
+    @ti.kernel
+    def _wrap(self):
+        for i in range(self.particles.count[None]):
+            for axis in ti.static(range(self.dimension)):
+                if ti.static(self.periods[axis] > 0.0):
+                    self.position[i][axis] -= self.periods[axis] * ti.round(
+                        self.position[i][axis] / self.periods[axis])
+
     @ti.kernel
     def _assign(self):
         for i in range(self.particles.count[None]):
@@ -150,27 +197,31 @@ class NeighborSearch:
     @ti.kernel
     def _build(self):
         for i in range(self.particles.count[None]):
-            x = self.position[i]
-            c = self._cell_index(x)
             n = 0
             m = 0
-            for k in range(self.row_count):
-                first = c + self.row_offset[k]
-                for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
-                    if j != i:
-                        self._scan(x, j, n, self.pairs, i, self.position[j], self.volume[j])
-                for b in range(self.wall_cell_start[first - REACH], self.wall_cell_start[first + REACH + 1]):
-                    self._scan(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
+            for image in ti.static(self.images):
+                x = self.position[i] + image
+                if self._near(x):
+                    c = self._cell_index(x)
+                    for k in range(self.row_count):
+                        first = c + self.row_offset[k]
+                        for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
+                            if j != i:
+                                self._scan(x, j, n, self.pairs, i, self.position[j], self.volume[j])
+                        for b in range(self.wall_cell_start[first - REACH], self.wall_cell_start[first + REACH + 1]):
+                            self._scan(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
             self.pairs.count[i] = n
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
-            x = self.walls.position[b]
-            c = self._cell_index(x)
             n = 0
-            for k in range(self.row_count):
-                first = c + self.row_offset[k]
-                for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
-                    self._scan(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
+            for image in ti.static(self.images):
+                x = self.walls.position[b] + image
+                if self._near(x):
+                    c = self._cell_index(x)
+                    for k in range(self.row_count):
+                        first = c + self.row_offset[k]
+                        for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
+                            self._scan(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
             self.wall_rows.count[b] = n
 
     @ti.kernel
@@ -191,6 +242,8 @@ class NeighborSearch:
 
     def sort(self) -> None:
         """Sort the liquid particles by cell."""
+        if any(self.periods):
+            self._wrap()
         self._assign()
         self._counting_sort()
         self.particles.reorder()

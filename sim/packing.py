@@ -3,7 +3,7 @@ import numpy as np
 import taichi as ti
 
 from sim.fields import Field, ParticleStore
-from sim.neighbor_search import NeighborSearch
+from sim.neighbor_search import NeighborSearch, corners
 from sim.runtime import real
 from sim.smoothing_kernels import WendlandC2
 
@@ -37,7 +37,8 @@ class _Packing:
             self.position[i] += self.shift[i]
 
 
-def pack(fluid_position, fluid_volume, wall_position, wall_volume, particle_spacing, support_ratio, iterations):
+def pack(fluid_position, fluid_volume, wall_position, wall_volume, particle_spacing, support_ratio, iterations,
+         periods=()):
     """Relax liquid particles between walls until their compression rate is even.
 
     Parameters
@@ -46,6 +47,7 @@ def pack(fluid_position, fluid_volume, wall_position, wall_volume, particle_spac
     wall_position, wall_volume : (m, d), (m,) static wall particles.
     particle_spacing, support_ratio : m and support radius over spacing.
     iterations : relaxation steps; some 80 serve, and many more press particles into gaps of the wall.
+    periods : length after which an axis repeats, m, 0 where it does not; empty where none does.
 
     Returns
     -------
@@ -58,8 +60,8 @@ def pack(fluid_position, fluid_volume, wall_position, wall_volume, particle_spac
               Field("volume", "scalar", "m3", "volume", carried=True), Field("shift", "vector", "m", "move")]
     particles = ParticleStore(fields, n, dimension, 1)
     near = (np.asarray(wall_position), np.asarray(wall_volume), np.zeros(len(wall_position)))
-    search = NeighborSearch(particles, near, WendlandC2(support, dimension), near[0].min(0), near[0].max(0),
-                            particle_spacing)
+    search = NeighborSearch(particles, near, WendlandC2(support, dimension), *corners(near[0], periods),
+                            particle_spacing, periods=periods)
     particles.count[None] = n
     for name, values in (("id", np.arange(n)), ("position", fluid_position), ("volume", fluid_volume)):
         particles.from_numpy(name, values)

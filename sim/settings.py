@@ -50,7 +50,9 @@ class Settings:
     ``effects`` holds one parameter object per active effect (``sim.effects.REGISTRY``), in any order;
     an effect that is not listed is not compiled, allocated or run. ``closed`` tells that the liquids fill the cavity
     completely; where they do not, they have a free surface. ``scheme`` holds the parameters of the scheme that
-    ``numerics.scheme`` names, ``None`` for its defaults.
+    ``numerics.scheme`` names, ``None`` for its defaults. ``periods`` holds, for every axis, the length, m, after which
+    the liquids repeat, 0 where they do not; empty: no axis repeats. A periodic axis d runs from -periods[d]/2 to
+    periods[d]/2.
     """
 
     dimension: int
@@ -59,3 +61,4 @@ class Settings:
     effects: tuple[object, ...]
     closed: bool = True
     scheme: object | None = None
+    periods: tuple[float, ...] = ()

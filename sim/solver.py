@@ -8,7 +8,7 @@ from sim import effects as effect_registry
 from sim import schemes
 from sim.errors import RunError
 from sim.fields import Field, ParticleStore
-from sim.neighbor_search import NeighborSearch
+from sim.neighbor_search import NeighborSearch, corners
 from sim.runtime import real_numpy
 from sim.settings import Settings
 from sim.signed_distance import SignedDistance
@@ -66,14 +66,16 @@ class Solver:
             for needed in c.requires:
                 if needed not in active:
                     raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
+            if any(settings.periods) and not c.periodic:
+                raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")
         scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
         capacity = int(1.15 * len(fluid_position)) + 512  # head room for particles that an injection splits
         self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
-        self.search = NeighborSearch(self.particles, walls, self.kernel, walls[0].min(0), walls[0].max(0), self.spacing,
-                                     max([1.25, *(c.crowding for c in classes)]))
+        self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
+                                     self.spacing, max([1.25, *(c.crowding for c in classes)]), settings.periods)
         self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
         for name in ("position", "velocity", "acceleration"):
             setattr(self, name, self.particles.arrays[name])
@@ -129,13 +131,13 @@ class Solver:
             if ti.static(len(self.pair_acceleration_effects) > 0):
                 for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                     j = self.pairs.index[k]
-                    x_ij = self.position[i] - self.position[j]
+                    x_ij = self.search.separation(self.position[i], self.position[j])
                     for effect in ti.static(self.pair_acceleration_effects):
                         a += effect.pair_acceleration(i, j, x_ij, self.pairs.gradient[k], self.pairs.weight[k])
             if ti.static(len(self.wall_acceleration_effects) > 0):
                 for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
                     b = self.wall_pairs.index[k]
-                    x_ib = self.position[i] - self.walls.position[b]
+                    x_ib = self.search.separation(self.position[i], self.walls.position[b])
                     for effect in ti.static(self.wall_acceleration_effects):
                         a += effect.wall_acceleration(i, b, x_ib, self.wall_pairs.gradient[k],
                                                       self.wall_pairs.weight[k])

@@ -26,9 +26,9 @@ def parameters(name: str, **values):
 
 
 @functools.cache
-def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING) -> dict[str, np.ndarray]:
+def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING, periodic=()) -> dict[str, np.ndarray]:
     """Return the arrays of a cavity, packed where it is round."""
-    arrays = shape_arrays(kind, size, spacing, dimension=dimension)
+    arrays = shape_arrays(kind, size, spacing, dimension=dimension, periodic=periodic)
     if kind != "box":
         arrays["fluid_position"], _ = pack(arrays["fluid_position"], arrays["fluid_volume"], arrays["wall_position"],
                                            arrays["wall_volume"], spacing, 2.5, 150)
@@ -48,7 +48,7 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
     phase = (position[:, 1] > 0.0) if phase is None else phase(position)
     settings = Settings(
         dimension=position.shape[1], liquids=tuple(liquids), effects=tuple(effects), closed=filled is None,
-        scheme=scheme_parameters,
+        scheme=scheme_parameters, periods=tuple(arrays.get("periods", ())),
         numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), precision=precision, **numerics))
     return Solver(settings, fluid_position=position, fluid_volume=volume,
                   fluid_velocity=None if velocity is None else velocity(position),

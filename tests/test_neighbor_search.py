@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sim.fields import Field, ParticleStore
-from sim.neighbor_search import NeighborSearch
+from sim.neighbor_search import NeighborSearch, corners
 from sim.smoothing_kernels import WendlandC2
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -14,13 +14,13 @@ FIELDS = (Field("id", "integer", "", "input order", carried=True), Field("positi
           Field("volume", "scalar", "m3", "", carried=True))
 
 
-def searched(fluid, walls, volume=None, crowding=1.25):
+def searched(fluid, walls, volume=None, crowding=1.25, periods=()):
     """Return store and search of liquid at the given positions, rows built, with walls of unequal volumes."""
     dimension = fluid.shape[1]
     particles = ParticleStore(FIELDS, len(fluid) + 10, dimension, 2)
     wall_volume = np.linspace(1.0, 2.0, len(walls)) * SPACING**dimension
     search = NeighborSearch(particles, (walls, wall_volume, np.zeros(len(walls))), WendlandC2(SUPPORT, dimension),
-                            walls.min(axis=0), walls.max(axis=0), SPACING, crowding)
+                            *corners(walls, periods), SPACING, crowding, periods)
     particles.count[None] = len(fluid)
     volume = np.linspace(0.5, 1.5, len(fluid)) * SPACING**dimension if volume is None else volume
     for name, values in (("id", np.arange(len(fluid))), ("position", fluid), ("volume", volume)):
@@ -52,6 +52,44 @@ def cloud(dimension, extent, seed=3):
     walls = rng.uniform(-0.5 * extent - 2.0 * SPACING, 0.5 * extent + 2.0 * SPACING, (3 * count, dimension))
     walls = walls[np.abs(walls).max(axis=1) > 0.5 * extent][:count]
     return fluid, walls
+
+
+@pytest.mark.parametrize("periods", [(8e-3, 7e-3), (8e-3, 0.0), (5e-3, 6e-3, 7e-3), (0.0, 6e-3, 0.0)])
+def test_rows_reach_across_the_ends_of_periodic_axes(periods):
+    """Against the same cloud surrounded by copies of itself; liquid beyond an end is taken back to the other."""
+    dimension, lengths = len(periods), np.array(periods)
+    rng = np.random.default_rng(5)
+    sides = np.where(lengths > 0.0, lengths, 6e-3)
+    fluid = rng.uniform(-0.5, 0.5, (int(np.prod(sides) / SPACING**dimension), dimension)) * sides
+    walls = rng.uniform(-0.5, 0.5, (40, dimension)) * sides
+    walls[:, lengths == 0.0] += 6e-3
+    particles, search = searched(fluid + lengths * rng.integers(-1, 2, fluid.shape), walls, crowding=4.0,
+                                 periods=periods)
+    images = np.stack(np.meshgrid(*[(-1, 0, 1) if length else (0,) for length in periods], indexing="ij"),
+                      axis=-1).reshape(-1, dimension) * lengths
+    ids = particles.to_numpy("id")
+    assert np.abs(particles.to_numpy("position") - fluid[ids]).max() < 1e-15
+    for rows, own, others, row_names, names in ((search.pairs, fluid, fluid, ids, ids),
+                                                (search.wall_pairs, fluid, walls, ids, search.wall_order),
+                                                (search.wall_rows, walls, fluid, search.wall_order, ids)):
+        copies = (others[None] + images[:, None]).reshape(-1, dimension)
+        near = [(i, j) for i, found in enumerate(cKDTree(copies).query_ball_point(own, SUPPORT)) for j in found
+                if own is not others or np.any(copies[j] != own[i])]
+        away = {(i, j % len(others)): own[i] - copies[j] for i, j in near}
+        assert len(away) == len(near)
+        found = listed(rows, row_names, names)
+        assert set(found) == set(away)
+        for pair, (weight, gradient) in found.items():
+            # gradient / weight = W'/(r W) x_ij = -20/(h^2 (1 - q) (4 q + 1)) x_ij of Wendland's C2 kernel
+            q = np.linalg.norm(away[pair]) / SUPPORT
+            np.testing.assert_allclose(gradient * (SUPPORT**2 * (1 - q) * (4 * q + 1)), -20.0 * weight * away[pair],
+                                       rtol=1e-9, atol=1e-15)
+
+
+def test_short_period_is_refused():
+    fluid, walls = cloud(2, 8e-3)
+    with pytest.raises(ValueError, match="at least two support radii"):
+        searched(fluid, walls, crowding=3.0, periods=(4e-3, 0.0))
 
 
 @pytest.mark.parametrize("dimension, extent", [(2, 16e-3), (3, 7e-3)])

@@ -27,13 +27,11 @@ def test_pressure_of_two_layers_is_continuous_and_zero_at_the_top():
     np.testing.assert_allclose(hydrostatics.exact_pressure(0.5, height), [0.75, 0.25, 0.0])
 
 
-def test_vortex_fits_into_the_box():
-    """No flow through the walls, no divergence, and no shear along the walls."""
-    edge = np.linspace(-0.5, 0.5, 21)
-    for wall in (-0.5, 0.5):
-        assert np.abs(taylor_green.vortex(np.stack([np.full(21, wall), edge], axis=1))[:, 0]).max() < 1e-12
-        assert np.abs(taylor_green.vortex(np.stack([edge, np.full(21, wall)], axis=1))[:, 1]).max() < 1e-12
+def test_vortex_repeats_itself_and_has_no_divergence():
     step, inside = 1e-5, np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
+    for axis in (0, 1):
+        np.testing.assert_allclose(taylor_green.vortex(inside + taylor_green.PERIOD * np.eye(2)[axis]),
+                                   taylor_green.vortex(inside), atol=1e-12)
     along = [(taylor_green.vortex(inside + shift) - taylor_green.vortex(inside - shift)) / (2.0 * step)
              for shift in step * np.eye(2)]
     np.testing.assert_allclose(along[0][:, 0] + along[1][:, 1], 0.0, atol=1e-8)
@@ -122,7 +120,7 @@ def test_column_of_position_based_fluid_keeps_its_volume():
 @pytest.mark.usefixtures("taichi")
 def test_two_equal_liquids_flow_as_one():
     """T13: mixed at random, they must not differ from one liquid at all; 1e-6 is what rounding may do."""
-    outcome = taylor_green.run(taylor_green.Parameters(reynolds=10.0, liquids=2, resolutions=(12,), decay=0.5,
+    outcome = taylor_green.run(taylor_green.Parameters(reynolds=10.0, liquids=2, resolutions=(16,), decay=0.5,
                                                        steps=50))
     assert values(outcome, "largest difference from one liquid / U")[0] < 1e-6
 
@@ -130,10 +128,10 @@ def test_two_equal_liquids_flow_as_one():
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_vortex_decays_by_its_viscosity():
-    """T13 at Re 1, where the viscosity rules; the study asks for 3 % at finer resolutions."""
-    outcome = taylor_green.run(taylor_green.Parameters(reynolds=1.0, resolutions=(16,), decay=1.0))
+    """T13 at Re 1, where the viscosity rules: 3 %, as the study asks for at any Re at finer resolutions."""
+    outcome = taylor_green.run(taylor_green.Parameters(reynolds=1.0, resolutions=(32,), decay=1.0))
     expected = taylor_green.decay_rate(1.0)
-    assert values(outcome, "decay rate of the energy")[0] == pytest.approx(expected, rel=0.1)
+    assert values(outcome, "decay rate of the energy")[0] == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.usefixtures("taichi")

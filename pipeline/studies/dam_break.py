@@ -21,6 +21,7 @@ BOX = (17, 3)  # sides of the box in widths
 BAND = (0.95, 1.15)
 STEADY = (5.0, 9.25)  # tau
 EARLY = (2.0, 5.0)
+FRICTIONLESS = 2.0  # dZ/dtau of shallow water on a dry floor (Ritter), 2 sqrt(g 2a)
 # Martin & Moyce (1952), n^2 = 2: (tau, Z) of the columns 2.25 in and 1.125 in wide.
 WIDE = np.array([
     (0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944), (4.418, 5.881),
@@ -55,7 +56,8 @@ def run(case: Parameters) -> Outcome:
         row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
                        case.tolerance if index > 0 else None, **common)
         errors.append(row.error)
-        outcome.rows += [row, compared("speed of the front / sqrt(2 g a), tau 2 to 5", early,
+        outcome.rows += [row, compared("the same beside the limit without friction", speed, FRICTIONLESS, None, **common),
+                         compared("speed of the front / sqrt(2 g a), tau 2 to 5", early,
                                        front_speed(*WIDE.T, EARLY), None, **common),
                          bounded("largest departure from the band / experiment", outside,
                                  1e-12 if index > 0 else None, **common), *result.rows()]

@@ -56,8 +56,9 @@ class Diffusion(Effect):
     @ti.func
     def _coefficient(self, i, k):
         """2 D V_j |W'|/r of pair row entry k, 1/s."""
-        r = (self.particles.position[i] - self.particles.position[self.pairs.index[k]]).norm()
-        return (-2.0 * self.coefficient * self.particles.volume[self.pairs.index[k]]) * self.kernel.gradient_factor(r)
+        j = self.pairs.index[k]
+        r = self.solver.search.separation(self.particles.position[i], self.particles.position[j]).norm()
+        return (-2.0 * self.coefficient * self.particles.volume[j]) * self.kernel.gradient_factor(r)
 
     @ti.kernel
     def _measure(self):

@@ -2,8 +2,8 @@
 
 In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
-instead of the large weight. Where the liquids have a free surface, rho_ref is 0. The inertial forces of a turn (some
-0.02 m/s^2 at one second a quarter turn) are left out.
+instead of the large weight. Where the liquids have a free surface or a periodic axis, along which they may fall for
+ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
 """
 import dataclasses
 
@@ -76,7 +76,7 @@ class Gravity(Effect):
         densities = [liquid.density for liquid in solver.liquids]
         # In a full cavity any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
         self.reference_density = densities[0] if max(densities) <= 2.0 * min(densities) else min(densities)
-        if not solver.settings.closed:
+        if not solver.settings.closed or any(solver.settings.periods):
             self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())
 

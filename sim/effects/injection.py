@@ -51,6 +51,7 @@ class Injection(Effect):
     fields = (Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),)
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
     crowding = 2.0
+    periodic = False
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

@@ -48,6 +48,7 @@ class InterfaceTension(Effect):
         Field("jump", "scalar", "Pa", "M at the particle"),
     )
     uses = ("position", "volume", "mass", "phase")
+    periodic = False
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

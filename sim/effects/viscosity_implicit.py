@@ -10,11 +10,10 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.liquid_viscosity import LiquidViscosity
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real
-
-WALL_FACTOR_LIMIT = 3.0  # largest extrapolation of the liquid's velocity to a wall particle (no slip)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +44,7 @@ class ViscosityImplicit(Effect):
         self.no_slip = parameters.wall == "no_slip"
         self.factor = 2.0 * (solver.dimension + 2.0)
         self.pairs, self.wall_pairs, self.walls = solver.pairs, solver.wall_pairs, solver.walls
-        self.kernel, self.distance = solver.kernel, solver.distance
+        self.kernel, self.search = solver.kernel, solver.search
         # sqrt(2(d+2) mu_ij V_i V_j |W'|/r) e_ij: the pair force is -s (s.v_ij).
         self.pair_vector = ti.Vector.field(solver.dimension, real(), shape=self.pairs.rows * self.pairs.width,
                                            layout=ti.Layout.SOA)
@@ -54,22 +53,7 @@ class ViscosityImplicit(Effect):
         self.product, self.product_2 = (ti.field(ti.f64, shape=solver.particles.capacity) for _ in range(2))
         self.rho, self.norm, self.scale = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
-        self.mixes = "volume_fraction" in solver.particles.arrays
-        self.fractions = solver.particles.arrays.get("volume_fraction")
-        self.liquid_viscosity = ti.field(real(), shape=len(solver.liquids))
-        for k, liquid in enumerate(solver.liquids):
-            self.liquid_viscosity[k] = liquid.dynamic_viscosity
-
-    @ti.func
-    def _viscosity(self, i):
-        """Viscosity of the liquid, or of the mixture: exp(sum of alpha_k ln mu_k)."""
-        mu = self.liquid_viscosity[self.particles.phase[i]]
-        if ti.static(self.mixes):
-            exponent = 0.0
-            for k in ti.static(range(len(self.solver.liquids))):
-                exponent += self.fractions[i][k] * ti.log(ti.max(self.liquid_viscosity[k], 1e-12))
-            mu = ti.exp(exponent)
-        return mu
+        self.liquids = LiquidViscosity(solver)
 
     @ti.func
     def _pair(self, mu, volumes, x):
@@ -79,7 +63,7 @@ class ViscosityImplicit(Effect):
     @ti.kernel
     def _assemble(self, dt: float):
         for i in range(self.count[None]):
-            self.particles.dynamic_viscosity[i] = self._viscosity(i)
+            self.particles.dynamic_viscosity[i] = self.liquids.viscosity(i)
         for i in range(self.count[None]):
             x, mu, volume = self.particles.position[i], self.particles.dynamic_viscosity[i], self.particles.volume[i]
             trace = 0.0
@@ -87,15 +71,17 @@ class ViscosityImplicit(Effect):
                 j = self.pairs.index[k]
                 mu_j = self.particles.dynamic_viscosity[j]
                 mean = 2.0 * mu * mu_j / ti.max(mu + mu_j, 1e-20)
-                s = self._pair(mean, volume * self.particles.volume[j], x - self.particles.position[j])
+                x_ij = self.search.separation(x, self.particles.position[j])
+                s = self._pair(mean, volume * self.particles.volume[j], x_ij)
                 self.pair_vector[k] = s
                 trace += s.norm_sqr()
             if ti.static(self.no_slip):
-                depth = ti.max(-self.distance.value(x), 0.1 * self.solver.spacing)
+                depth = self.liquids.depth(i)
                 for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
                     b = self.wall_pairs.index[k]
-                    beta = ti.min(WALL_FACTOR_LIMIT, 1.0 + self.walls.depth[b] / depth)
-                    s = self._pair(beta * mu, volume * self.walls.volume[b], x - self.walls.position[b])
+                    beta = self.liquids.wall_factor(depth, b)
+                    x_ib = self.search.separation(x, self.walls.position[b])
+                    s = self._pair(beta * mu, volume * self.walls.volume[b], x_ib)
                     self.wall_vector[k] = s
                     trace += s.norm_sqr()
             self.particles.viscous_diagonal[i] = self.particles.mass[i] + dt * trace / self.solver.dimension

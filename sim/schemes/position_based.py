@@ -204,7 +204,7 @@ class PositionBased(Scheme):
             squares = 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.predicted_position[j]
+                x_ij = self.search.separation(x, self.predicted_position[j])
                 r = x_ij.norm()
                 gradient = (self.volume[j] * self.kernel.gradient_factor(r)) * x_ij
                 total += self.volume[j] * self.kernel.value(r)
@@ -213,7 +213,7 @@ class PositionBased(Scheme):
             if ti.static(not self.clamps):
                 for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
                     b = self.wall_pairs.index[k]
-                    x_ib = x - self.walls.position[b]
+                    x_ib = self.search.separation(x, self.walls.position[b])
                     r = x_ib.norm()
                     total += self.walls.volume[b] * self.kernel.value(r)
                     slope += (self.walls.volume[b] * self.kernel.gradient_factor(r)) * x_ib
@@ -249,7 +249,7 @@ class PositionBased(Scheme):
             total = x * 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.predicted_position[j]
+                x_ij = self.search.separation(x, self.predicted_position[j])
                 r = x_ij.norm()
                 both = own + self.multiplier[j]
                 if ti.static(self.parameters.artificial_pressure > 0.0):
@@ -258,7 +258,7 @@ class PositionBased(Scheme):
             if ti.static(not self.clamps):
                 for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
                     b = self.wall_pairs.index[k]
-                    x_ib = x - self.walls.position[b]
+                    x_ib = self.search.separation(x, self.walls.position[b])
                     both = own + self.wall_multiplier[b]
                     total += (both * self.walls.volume[b] * self.kernel.gradient_factor(x_ib.norm())) * x_ib
             self.correction[i] = -self.volume[i] / self.mass[i] * total
@@ -312,7 +312,7 @@ class PositionBased(Scheme):
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
                 share = (volume + self.volume[j]) * self.mass[j] / (mass + self.mass[j])
-                weight = self.kernel.value((x - self.predicted_position[j]).norm())
+                weight = self.kernel.value(self.search.separation(x, self.predicted_position[j]).norm())
                 change += (share * weight) * (self.velocity[j] - v)
             self.correction[i] = self.parameters.xsph * change
         for i in range(self.count[None]):
@@ -333,7 +333,7 @@ class PositionBased(Scheme):
             x, total = self.predicted_position[i], ti.Vector([0.0, 0.0, 0.0])
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.predicted_position[j]
+                x_ij = self.search.separation(x, self.predicted_position[j])
                 gradient = (self.volume[j] * self.kernel.gradient_factor(x_ij.norm())) * x_ij
                 total += self._in_space(gradient).cross(self._in_space(self.velocity[j] - self.velocity[i]))
             self.vorticity[i] = total
@@ -342,7 +342,7 @@ class PositionBased(Scheme):
             slope = x * 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.predicted_position[j]
+                x_ij = self.search.separation(x, self.predicted_position[j])
                 factor = self.volume[j] * self.kernel.gradient_factor(x_ij.norm())
                 slope += (factor * (self.vorticity[j].norm() - own)) * x_ij
             towards = self._in_space(slope / ti.max(slope.norm(), 1e-12 * own / self.spacing + 1e-30))

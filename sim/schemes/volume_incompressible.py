@@ -20,8 +20,8 @@ CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered 
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disordered sets; pressures >= 0 hold
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
-SHIFT_RATE = 3.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
-SHIFT_LIMIT = 0.4  # largest shift, in dx^2 S_i
+SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
+SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
@@ -186,7 +186,7 @@ class VolumeIncompressible(Scheme):
         total = self.position[i] * 0.0
         for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
             j = self.pairs.index[k]
-            x_ij = self.position[i] - self.position[j]
+            x_ij = self.search.separation(self.position[i], self.position[j])
             missing = SEPARATION * self.spacing - x_ij.norm()
             if missing > 0.0:
                 share = self.volume[j] / (self.volume[i] + self.volume[j])

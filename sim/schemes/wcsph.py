@@ -181,7 +181,7 @@ class WCSPH(Scheme):
             weight = 0.0
             for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
                 j = self.wall_rows.index[k]
-                away = self.walls.position[b] - self.position[j]
+                away = self.search.separation(self.walls.position[b], self.position[j])
                 total += self.wall_rows.weight[k] * (
                     self.pressure[j] + self._rest_density(j) * self.acceleration[j].dot(away))
                 weight += self.wall_rows.weight[k]
@@ -196,7 +196,7 @@ class WCSPH(Scheme):
             force = self.velocity[i] * 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.position[j]
+                x_ij = self.search.separation(x, self.position[j])
                 approach = ti.min((v - self.velocity[j]).dot(x_ij), 0.0) / ti.max(
                     x_ij.norm_sqr(), 1e-12 * self.spacing**2)
                 viscous = 0.5 * damping * (density + self._rest_density(j)) * approach
@@ -218,7 +218,7 @@ class WCSPH(Scheme):
             flux = 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 j = self.pairs.index[k]
-                x_ij = x - self.position[j]
+                x_ij = self.search.separation(x, self.position[j])
                 gradient = self.pairs.gradient[k]
                 density_j = self._rest_density(j)
                 rate += (v - self.velocity[j]).dot(gradient)
