@@ -56,7 +56,8 @@ def run(case: Parameters) -> Outcome:
         row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
                        case.tolerance if index > 0 else None, **common)
         errors.append(row.error)
-        outcome.rows += [row, compared("the same beside the limit without friction", speed, FRICTIONLESS, None, **common),
+        outcome.rows += [row, compared("the same beside the limit without friction", speed, FRICTIONLESS, None,
+                                       **common),
                          compared("speed of the front / sqrt(2 g a), tau 2 to 5", early,
                                        front_speed(*WIDE.T, EARLY), None, **common),
                          bounded("largest departure from the band / experiment", outside,
