@@ -123,6 +123,11 @@ def viscosity_iterations(state):
     return state.statistic("viscosity_iterations")
 
 
+@metric("%", "share of the time steps since the frame before in which a solve ended at numerics.maximum_iterations")
+def limit_hit(state):
+    return {solve: 100 * state.statistic(f"{solve}_limit_hit") for solve in ("pressure", "viscosity")}
+
+
 @metric("s", "time step")
 def time_step(state):
     return state.statistic("time_step")

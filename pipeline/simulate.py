@@ -114,7 +114,7 @@ class Average:
 
     def take(self) -> dict[str, float]:
         """Return the summary and start anew."""
-        summary = {name: float(max(v) if name.endswith(("_maximum", "_hit")) else np.mean(v))
+        summary = {name: float(max(v) if name.endswith("_maximum") else np.mean(v))
                    for name, v in self.values.items()}
         self.values = {}
         return summary
@@ -153,7 +153,19 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
                 solver.prepare_output()
                 bar.update(1)
             spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
-            write_frame(frame_path(folder, index), frame_of(scene, solver, average.take() | spent))
+            statistics = average.take()
+            warn_of_limits(scene, until, statistics)
+            write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
+
+
+def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> None:
+    """Say which solves have ended at their limit of iterations before the frame at ``until``, s."""
+    for solve in ("pressure", "viscosity"):
+        share = statistics.get(f"{solve}_limit_hit", 0.0)
+        if share > 0.0:
+            print(f"{scene.name}: warning: the {solve} solve ended at its limit of "
+                  f"{scene.numerics.maximum_iterations} iterations (numerics.maximum_iterations) in "
+                  f"{100 * share:.0f} % of the steps before {until:.4g} s", flush=True)
 
 
 def restore(solver, state: dict, path: Path) -> None:
