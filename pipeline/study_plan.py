@@ -32,6 +32,11 @@ class Case:
         """Names of the scenes whose results the case reads."""
         return tuple(self.family.scenes(self.parameters)) if hasattr(self.family, "scenes") else ()
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Stages of those scenes, beside their metrics, whose results the case reads."""
+        return getattr(self.family, "READS", ("frames",))
+
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}

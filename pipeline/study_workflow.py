@@ -36,12 +36,13 @@ class Studies:
             return []
 
     def inputs(self, name: str, case: str) -> list[str]:
-        """Return the files that a case reads: initial state, frames and metrics of its scenes."""
-        files = []
-        for scene in self._case(name, case).inputs():
+        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for."""
+        files, asked = [], self._case(name, case)
+        for scene in asked.inputs():
             folder = f"{OUTPUTS}/{scene}"
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
-            files += [f"{folder}/frames/segment_{segment}" for segment in self._flow.segments(scene)]
+            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads
+                      for segment in self._flow.segments(scene)]
         return files
 
     def depends(self, name: str, case: str) -> str:

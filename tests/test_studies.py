@@ -17,7 +17,7 @@ cases:
   taylor_green:
     reynolds: [5, 10]
     decay: 0.02
-    resolutions: {draft: [6, 8], standard: [8, 10], fine: [10, 12]}
+    resolutions: {draft: [8, 10], standard: [10, 12], fine: [12, 14]}
 """
 
 
@@ -78,7 +78,7 @@ def test_cases_are_all_combinations_named_by_what_differs(write):
     write(SMALL)
     study = load_study("small", "standard")
     assert list(study.cases) == ["taylor_green-5", "taylor_green-10"]
-    assert study.cases["taylor_green-5"].parameters.resolutions == (8, 10)
+    assert study.cases["taylor_green-5"].parameters.resolutions == (10, 12)
 
 
 @pytest.mark.parametrize(("text", "sentence"), [
@@ -120,7 +120,7 @@ def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     assert tuple(rows[0]) == COLUMNS
     assert {row["holds"] for row in rows} <= {"true", "false", ""}
     assert {row["case"] for row in rows if row["quantity"] == "decay rate of the energy"} == {
-        f"taylor_green-{number} n={resolution}" for number in (5, 10) for resolution in (6, 8)}
+        f"taylor_green-{number} n={resolution}" for number in (5, 10) for resolution in (8, 10)}
     assert all(float(row["wall_s"]) > 0.0 for row in rows if row["quantity"] == "time reached")
     assert (folder / "taylor_green_decay.png").is_file() and "Small" in (folder / "table.html").read_text()
     assert "rows hold" in output

@@ -1,7 +1,7 @@
 """Families of cases, one file each: what `config/studies/<study>.yaml` may name under `cases`.
 
 A family has a frozen dataclass `Parameters` and a function `run(parameters) -> Outcome`. It may have `FIGURES`,
-`PICTURES` (names of PNG files that it makes itself), `EFFECTS` (names of the effects it uses, for the digest) and
-`scenes(parameters)` (names of the scenes whose results it reads). Its docstring says what is solved, and cites the
-reference.
+`PICTURES` (names of PNG files that it makes itself), `EFFECTS` (names of the effects it uses, for the digest),
+`scenes(parameters)` (names of the scenes whose results it reads) and `READS` (folders of these scenes that it reads
+beside their metrics: frames if nothing is said). Its docstring says what is solved, and cites the reference.
 """

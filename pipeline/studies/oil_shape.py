@@ -1,0 +1,129 @@
+"""S1 Fig. 7: shape of the injected oil without interface forces, with those of the paper, and with a tension in N/m.
+
+The paper shows two pictures. Here the difference has numbers, from the reconstructed surface of the oil: its sphericity
+pi^(1/3) (6 V)^(2/3) / A (1 for a ball, less for oil that the eye flattens or that is torn), the area of its interface
+with the aqueous (the part of A that is farther than half a particle spacing from the wall), and the number of bodies.
+"""
+import dataclasses
+import io
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.frames import find_frames, read_frame
+from pipeline.scene import Scene, load_resolved
+from pipeline.study_model import Curve, Figure, Outcome, Row
+from pipeline.surface_files import read_surface, surface_path
+from sim.parameters import parameter
+
+FIGURES = (
+    Figure("oil_sphericity", "Sphericity of the oil", "time / s", "surface of a ball of this volume / surface"),
+    Figure("oil_interface", "Area between oil and aqueous", "time / s", "interface / cross-section of the eye"),
+)
+PICTURES = ("oil_shape_pictures",)
+READS = ("frames", "surfaces", "images")
+OUTPUTS = Path("outputs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """The scenes to compare: the same injection, with different forces at the interface."""
+
+    scenes: tuple[str, ...] = parameter(meaning="names of the scenes: without forces first")
+    liquids: tuple[str, ...] = parameter(meaning="name of the oil in each of the scenes")
+    pictures: int = parameter(3, minimum=1, maximum=8, meaning="times at which the scenes are drawn side by side")
+
+
+def scenes(parameters: Parameters) -> tuple[str, ...]:
+    """Names of the scenes whose results are read."""
+    return parameters.scenes
+
+
+@dataclasses.dataclass(frozen=True)
+class Oil:
+    """The oil of one scene, frame by frame: time, s; sphericity; interface, m2; bodies."""
+
+    scene: Scene
+    pictures: list[Path]
+    time: np.ndarray
+    sphericity: np.ndarray
+    interface: np.ndarray
+    bodies: np.ndarray
+
+
+def run(parameters: Parameters) -> Outcome:
+    """Measure the oil of every scene and compare its end with that of the first scene."""
+    oils = [_load(name, liquid) for name, liquid in zip(parameters.scenes, parameters.liquids, strict=True)]
+    outcome = Outcome(pictures={PICTURES[0]: _side_by_side(oils, parameters.pictures)})
+    section = np.pi / 4.0 * _diameter(oils[0]) ** 2
+    for oil in oils:
+        at = {"at": oil.scene.name}
+        outcome.rows += [
+            Row("sphericity of the oil at the end", oil.sphericity[-1], **at),
+            Row("interface at the end / cross-section of the eye", oil.interface[-1] / section, **at),
+            Row("bodies of oil at the end", float(oil.bodies[-1]), **at)]
+        outcome.curves += [Curve("oil_sphericity", oil.scene.name, oil.time, oil.sphericity, "line"),
+                           Curve("oil_interface", oil.scene.name, oil.time, oil.interface / section, "line")]
+    for oil in oils[1:]:
+        ratio = oil.interface[-1] / oils[0].interface[-1]
+        outcome.rows.append(Row("interface at the end / without forces", ratio, at=oil.scene.name))
+        outcome.remarks.append(
+            f"{oil.scene.title}: at the end the oil has {100 * ratio:.0f} % of the interface that it has in "
+            f"{oils[0].scene.name}, a sphericity of {oil.sphericity[-1]:.3f} ({oils[0].sphericity[-1]:.3f}), and "
+            f"{oil.bodies[-1]} bodies ({oils[0].bodies[-1]}).")
+    return outcome
+
+
+def sphericity(volume: float, area: float) -> float:
+    """Surface of a ball of a volume, m3, over an area, m2."""
+    return float(np.pi ** (1.0 / 3.0) * (6.0 * volume) ** (2.0 / 3.0) / area)
+
+
+def _diameter(oil: Oil) -> float:
+    """Diameter of the ball that holds as much as the cavity, m."""
+    with np.load(OUTPUTS / oil.scene.name / "initial.npz") as initial:
+        return float((6.0 * initial["cavity_volume"] / np.pi) ** (1.0 / 3.0))
+
+
+def _load(name: str, liquid: str) -> Oil:
+    folder = OUTPUTS / name
+    scene = load_resolved(folder / "scene.json")
+    rows, pictures = [], []
+    for segment in sorted((folder / "frames").glob("segment_*")):
+        for path in find_frames(segment):
+            surface = read_surface(surface_path(folder / "surfaces" / segment.name, path.stem, liquid))
+            rows.append((read_frame(path).time, *measured(surface, scene.numerics.particle_spacing)))
+            pictures.append(folder / "images" / segment.name / f"{path.stem}.png")
+    time, ratio, interface, bodies = (np.array(column) for column in zip(*rows, strict=True))
+    return Oil(scene, pictures, time, ratio, interface, bodies)
+
+
+def measured(surface, spacing: float) -> tuple[float, float, int]:
+    """Sphericity, interface away from the wall, m2, and bodies of a closed surface with point data `depth`, m."""
+    sizes = surface.compute_cell_sizes(length=False, volume=False)
+    area = sizes.cell_data["Area"]
+    away = surface.point_data_to_cell_data().cell_data["depth"] > 0.5 * spacing
+    bodies = int(surface.connectivity().point_data["RegionId"].max()) + 1
+    return sphericity(surface.volume, float(area.sum())), float(area[away].sum()), bodies
+
+
+def _side_by_side(oils: list[Oil], count: int) -> bytes:
+    """The pictures of all scenes at the same times, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+    from matplotlib.image import imread
+
+    last = min(len(oil.pictures) for oil in oils) - 1
+    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
+    height, width = imread(oils[0].pictures[0]).shape[:2]
+    panel = 5.0
+    canvas = Canvas(figsize=(panel * len(oils), panel * height / width * len(indices) + 0.4), layout="constrained")
+    grid = FigureCanvasAgg(canvas).figure.subplots(len(indices), len(oils), squeeze=False)
+    for column, oil in zip(grid.T, oils, strict=True):
+        column[0].set_title(oil.scene.title, fontsize=11)
+        for axes, index in zip(column, indices, strict=True):
+            axes.imshow(imread(oil.pictures[index]))
+            axes.axis("off")
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=110, format="png")
+    return buffer.getvalue()
