@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from pipeline.studies.oil_in_sphere import fit
+from pipeline.studies.oil_in_sphere import Curves, fit, part
 from pipeline.young_laplace import covered_arc, covered_share, oil_at_rest, profiles
 
 RADIUS = 0.011
@@ -102,7 +102,27 @@ def test_fit_finds_the_profile_in_points_away_from_the_wall(dimension, angle, fi
     keep = np.hypot(exact.r, exact.z) < RADIUS - 0.5 * spacing
     r, z = exact.r[keep][::5], exact.z[keep][::5]
     r, z = np.append(r, [0.6 * RADIUS] * 3), np.append(z, np.linspace(0.6, 0.65, 3) * RADIUS)
-    arc, found, apex, _ = fit(r, z, OIL, RADIUS, dimension, spacing)
+    curves = Curves(OIL, RADIUS, dimension, spacing)
+    arc, found, apex = curves.contact(fit(curves, r, z)[0])
     assert arc == pytest.approx(exact.arc, abs=1.0)
     assert found == pytest.approx(angle, abs=1.0)
     assert apex == pytest.approx(exact.apex, abs=0.05 * spacing)
+
+
+@pytest.mark.parametrize(("dimension", "angle", "fill"), [(2, 18.2, 0.5), (3, 18.2, 0.5), (3, 120.0, 0.8)])
+def test_parting_finds_the_profile_in_labels_of_particles(dimension, angle, fill):
+    """Exact labels on a lattice, a few of them wrong, from a start that is off by a third in curvature."""
+    exact, spacing = shape(fill, angle, dimension=dimension), RADIUS / 11.0
+    axis = np.arange(-11.5, 12.0) * spacing + 0.13 * spacing
+    point = np.stack(np.meshgrid(*[axis] * dimension), axis=-1).reshape(-1, dimension)
+    point = point[np.linalg.norm(point, axis=1) < RADIUS]
+    is_oil = exact.is_oil(point)
+    is_oil[::97] ^= True
+    curves = Curves(OIL, RADIUS, dimension, spacing)
+    start = np.array([exact.curvature * RADIUS * 0.7, exact.apex / RADIUS + 0.02])
+    r = np.linalg.norm(np.delete(point, 1, axis=1), axis=1)
+    arc, found, apex = curves.contact(part(curves, r, point[:, 1], is_oil, start)[0])
+    # A circle has some twenty particles along the interface, and the last before the wall decides.
+    assert arc == pytest.approx(exact.arc, abs={2: 6.0, 3: 1.5}[dimension])
+    assert found == pytest.approx(angle, abs={2: 4.0, 3: 1.0}[dimension])
+    assert apex == pytest.approx(exact.apex, abs=0.3 * spacing)
