@@ -1,0 +1,114 @@
+"""T9: a bubble rises through a liquid ten times as dense and as viscous (Hysing et al. 2009, first test case).
+
+Box of 1 m by 2 m, bubble of radius 0.25 m at (0.5 m, 0.5 m), gravity 0.98 m/s^2, tension 24.5 N/m, densities 1000 and
+100 kg/m^3, viscosities 10 and 1 Pa s: Re 35, Eo 10. Measured as in the benchmark: height of the bubble's center of
+mass, its mean upward velocity, and its circularity (perimeter of the circle of the same area over the perimeter, of the
+contour of the level set). The references are the means of the three codes of the benchmark, which agree within 0.2 %.
+The side walls slip as in the benchmark; floor and lid slip here too (no slip there), which the bubble hardly feels.
+"""
+import dataclasses
+
+import numpy as np
+from skimage.measure import find_contours
+
+from pipeline.study_model import Curve, Figure, Outcome, Row, compared, observed_order
+from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from sim.parameters import parameter
+from sim.settings import Liquid
+
+EFFECTS = ("gravity", "viscosity", "viscosity_implicit", "interface_tension")
+WIDTH, HEIGHT, RADIUS = 1.0, 2.0, 0.25  # m
+START = -0.5  # m, height of the bubble's center above the middle of the box
+GRAVITY, TENSION = 0.98, 24.5
+LIQUIDS = (Liquid("liquid", 1000.0, 10.0), Liquid("bubble", 100.0, 1.0))
+END = 3.0  # s
+PRESSURE_TOLERANCE = 1e-5  # with 1e-4, in the small steps of a fine bubble, it bounces as if it were compressible
+HEIGHT_AT_END, SPEED, CIRCULARITY = 1.0810, 0.2419, 0.9012  # TP2D, FreeLIFE, MooNMD
+FIGURES = (
+    Figure("bubble_height", "T9: height of a rising bubble", "time / s", "center of mass / m"),
+    Figure("bubble_speed", "T9: speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),
+    Figure("bubble_circularity", "T9: circularity of a rising bubble", "time / s",
+           "perimeter of the circle of this area / perimeter"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """The bubble of the benchmark; resolutions count particles along the width of the box."""
+
+    viscosity: str = parameter("laplacian", choices=("laplacian", "central", "implicit"),
+                               meaning="form of the explicit viscosity, or the implicit one")
+
+
+def run(case: Parameters) -> Outcome:
+    """Measure height, largest speed and smallest circularity at every resolution."""
+    outcome = Outcome()
+    errors: dict[str, list[float]] = {}
+    for resolution in case.resolutions:
+        result = _rise(case, resolution)
+        outcome.remarks += result.remarks("rising bubble")
+        gated = resolution == max(case.resolutions)
+        for quantity, value, reference, tolerance, unit in (
+                ("height of the center of mass at 3 s", result.values("height")[-1], HEIGHT_AT_END, 0.01, "m"),
+                ("largest speed", result.values("speed").max(), SPEED, 0.03, "m/s"),
+                ("smallest circularity", result.values("circularity")[1:].min(), CIRCULARITY, 0.02, "1")):
+            row = compared(quantity, float(value), reference, tolerance if gated else None, unit, at=result.label,
+                           wall_s=result.wall_s)
+            outcome.rows.append(row)
+            errors.setdefault(quantity, []).append(row.error)
+        outcome.rows += result.rows()
+        if not result.failure:
+            time = result.history["time"]
+            outcome.curves += [Curve(f"bubble_{name}", result.label, time[1:], result.history[name][1:], "line")
+                               for name in ("height", "speed", "circularity")]
+    spacings = [WIDTH / resolution for resolution in case.resolutions]
+    outcome.rows += [Row(f"observed order of the {quantity}", observed_order(spacings, values))
+                     for quantity, values in errors.items()]
+    outcome.curves += [Curve("bubble_height", "benchmark", [END], [HEIGHT_AT_END], "reference"),
+                       Curve("bubble_speed", "benchmark", [0.9239], [SPEED], "reference"),
+                       Curve("bubble_circularity", "benchmark", [1.9], [CIRCULARITY], "reference")]
+    return outcome
+
+
+def circularity(values: np.ndarray, cell: float) -> float:
+    """Perimeter of the circle of the same area over the perimeter of the longest zero contour of node values.
+
+    Parameters
+    ----------
+    values : (nx, ny) level set, positive in the bubble; cell : node distance, m.
+
+    Returns
+    -------
+    1 for a circle, less for anything else; nan where there is no closed contour.
+    """
+    contours = [cell * contour for contour in find_contours(values, 0.0) if np.allclose(contour[0], contour[-1])]
+    if not contours:
+        return np.nan
+    longest = max(contours, key=len)
+    steps = np.diff(longest, axis=0)
+    area = 0.5 * abs(np.sum(longest[:-1, 0] * steps[:, 1] - longest[:-1, 1] * steps[:, 0]))
+    return float(2.0 * np.sqrt(np.pi * area) / np.linalg.norm(steps, axis=1).sum())
+
+
+def _rise(case: Parameters, resolution: int) -> Run:
+    spacing = WIDTH / resolution
+    arrays = cavity("box", (WIDTH, HEIGHT), spacing, start="packed", support_ratio=case.support_ratio)
+    slip = {"wall": "free_slip"}
+    viscosity = ({"viscosity_implicit": slip} if case.viscosity == "implicit"
+                 else {"viscosity": slip | {"form": case.viscosity}})
+    solver = build(
+        case, arrays, liquids=LIQUIDS, phase=lambda x: np.linalg.norm(x - [0.0, START], axis=1) < RADIUS,
+        effects={"gravity": {"magnitude": GRAVITY}, "interface_tension": {"coefficient": TENSION}} | viscosity,
+        maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY), pressure_tolerance=PRESSURE_TOLERANCE)
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    grid = tension.grid
+
+    def watch(solver) -> dict[str, float]:
+        inside = solver.particles.to_numpy("phase") == 1
+        volume = field(solver, "volume")[inside]
+        mean = {name: float(volume @ field(solver, name)[inside, 1] / volume.sum())
+                for name in ("position", "velocity")}
+        return {"height": mean["position"] + 0.5 * HEIGHT, "speed": mean["velocity"],
+                "circularity": circularity(tension.level_set.phi.to_numpy().reshape(grid.shape), grid.cell)}
+
+    return advance(solver, END, f"n={resolution}", watch)
