@@ -115,13 +115,14 @@ class CentralForm(ViscousForm):
 
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
+        v_i = v[i]
         for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
             s = self.pair_vector[k]
-            total += (dt * s.dot(v[i] - v[self.pairs.index[k]])) * s
+            total += (dt * s.dot(v_i - v[self.pairs.index[k]])) * s
         if ti.static(self.no_slip):
             for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
                 s = self.wall_vector[k]
-                total += (dt * s.dot(v[i])) * s
+                total += (dt * s.dot(v_i)) * s
         return total
 
 
@@ -163,9 +164,10 @@ class LaplacianForm(ViscousForm):
 
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
-        total += (dt * self.wall_coefficient[i]) * v[i]
+        v_i = v[i]
+        total += (dt * self.wall_coefficient[i]) * v_i
         for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-            total += (dt * self.pair_coefficient[k]) * (v[i] - v[self.pairs.index[k]])
+            total += (dt * self.pair_coefficient[k]) * (v_i - v[self.pairs.index[k]])
         return total
 
 
@@ -186,6 +188,7 @@ class StrainForm(ViscousForm):
         self.correction = ti.Matrix.field(d, d, real(), shape=capacity)  # L_i
         self.stress = ti.Matrix.field(d, d, real(), shape=capacity)  # T_i, Pa
         self.wall_sum = ti.Vector.field(d, real(), shape=capacity)  # w_i, 1/m
+        self.gradient_sum = ti.Vector.field(d, real(), shape=capacity)  # w_i + sum of G_ij, 1/m
         self.alike = ti.field(ti.i8, shape=capacity * self.pairs.width)
         self.central = CentralForm(solver, particles, liquids, no_slip, self.share)
 
@@ -238,6 +241,7 @@ class StrainForm(ViscousForm):
                     total += self.pairs.gradient[k]
                     trace += (self.share[j] * self.particles.dynamic_viscosity[j] / self.particles.volume[j]
                               * (self.correction[j] @ self.pairs.gradient[k]).norm_sqr())
+            self.gradient_sum[i] = total
             volume = self.particles.volume[i]
             trace += (self.share[i] * self.particles.dynamic_viscosity[i] / volume
                       * (self.correction[i] @ total).norm_sqr())
@@ -246,21 +250,23 @@ class StrainForm(ViscousForm):
     @ti.kernel
     def differentiate(self, v: ti.template()):
         for i in range(self.count[None]):
-            gradient = -v[i].outer_product(self.wall_sum[i])
+            v_i = v[i]
+            gradient = -v_i.outer_product(self.wall_sum[i])
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
                 if self.alike[k] != 0:
-                    gradient += (v[self.pairs.index[k]] - v[i]).outer_product(self.pairs.gradient[k])
-            gradient = gradient @ self.correction[i].transpose()
+                    gradient += (v[self.pairs.index[k]] - v_i).outer_product(self.pairs.gradient[k])
+            correction = self.correction[i]
+            gradient = gradient @ correction.transpose()
             twice = gradient + gradient.transpose()
-            self.stress[i] = (self.share[i] * self.particles.dynamic_viscosity[i]) * (twice @ self.correction[i])
+            self.stress[i] = (self.share[i] * self.particles.dynamic_viscosity[i]) * (twice @ correction)
 
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
         total = self.central.added(total, v, i, dt)
-        force = self.stress[i] @ self.wall_sum[i]
+        force = self.stress[i] @ self.gradient_sum[i]
         for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
             if self.alike[k] != 0:
-                force += (self.stress[i] + self.stress[self.pairs.index[k]]) @ self.pairs.gradient[k]
+                force += self.stress[self.pairs.index[k]] @ self.pairs.gradient[k]
         return total - dt * self.particles.volume[i] * force
 
 
