@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from pipeline.studies import oil_in_sphere
 from pipeline.studies.oil_in_sphere import Curves, fit, part
 from pipeline.young_laplace import covered_arc, covered_share, oil_at_rest, profiles
 
@@ -126,3 +127,19 @@ def test_parting_finds_the_profile_in_labels_of_particles(dimension, angle, fill
     assert arc == pytest.approx(exact.arc, abs={2: 6.0, 3: 1.5}[dimension])
     assert found == pytest.approx(angle, abs={2: 4.0, 3: 1.0}[dimension])
     assert apex == pytest.approx(exact.apex, abs=0.3 * spacing)
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.slow
+@pytest.mark.parametrize("density_difference", [35.0, -35.0], ids=["heavy", "light"])
+def test_oil_in_a_circle_comes_to_rest_at_its_arc(monkeypatch, density_difference):
+    """T7 with eight particles along the radius, where the study has eleven; heavy oil rests at the bottom."""
+    monkeypatch.setattr(oil_in_sphere, "READINGS", 10)
+    outcome = oil_in_sphere.run(oil_in_sphere.Parameters(
+        dimension=2, contact_angle=60.0, fill=0.5, resolutions=(8,), steps=300, density_difference=density_difference))
+    found = {row.quantity: row for row in outcome.rows}
+    assert found["arc of contact"].reference == pytest.approx(shape(0.5, 60.0, dimension=2).arc)
+    assert found["arc of contact"].error < 6.0
+    assert found["height on the axis / spacing"].error < 1.0
+    assert found["covered arc of the wall, against ideal labels"].error < 15.0  # one wall particle is 7 degrees
+    assert found["time reached"].holds
