@@ -7,7 +7,17 @@ import pytest
 import pyvista
 from scipy.spatial import cKDTree
 
-from pipeline.studies import coupling, dam_break, hydrostatics, oil_shape, rising_bubble, still_tank, taylor_green
+from pipeline.studies import (
+    channel,
+    coupling,
+    dam_break,
+    hydrostatics,
+    oil_shape,
+    rising_bubble,
+    spin_down,
+    still_tank,
+    taylor_green,
+)
 from pipeline.study_tank import cavity
 
 
@@ -36,6 +46,23 @@ def test_vortex_repeats_itself_and_has_no_divergence():
     along = [(taylor_green.vortex(inside + shift) - taylor_green.vortex(inside - shift)) / (2.0 * step)
              for shift in step * np.eye(2)]
     np.testing.assert_allclose(along[0][:, 0] + along[1][:, 1], 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1400.0])
+def test_velocity_of_two_layers_sticks_to_the_walls_and_has_one_stress(ratio):
+    np.testing.assert_allclose(channel.exact_velocity(ratio, np.array([-1.0, 1.0])), 0.0, atol=1e-15)
+    step, height = 1e-3, np.array([-0.9, -0.1, -1e-3, 1e-3, 0.1, 0.9])
+    slope = (channel.exact_velocity(ratio, height + 0.99 * step)
+             - channel.exact_velocity(ratio, height - 0.99 * step)) / (1.98 * step)
+    stress = np.where(height < 0.0, ratio, 1.0) * slope
+    np.testing.assert_allclose(np.diff(stress), -np.diff(height), rtol=1e-6)  # of a unit force, across the middle too
+
+
+def test_spin_of_a_solid_body_decays_as_its_first_mode():
+    assert spin_down.exact_spin(np.array(0.0)) == pytest.approx(1.0)
+    late = spin_down.exact_spin(np.array([4.0, 5.0]))
+    assert np.log(late[0] / late[1]) == pytest.approx(1.0, abs=1e-3)
+    assert spin_down.decay_rate(1.0) == pytest.approx(14.68, abs=0.01)
 
 
 def test_experimental_front_is_inside_its_own_band_at_its_own_speed():
@@ -136,6 +163,27 @@ def test_two_equal_liquids_flow_as_one():
     outcome = taylor_green.run(taylor_green.Parameters(reynolds=10.0, liquids=2, resolutions=(16,), decay=0.5,
                                                        steps=50))
     assert values(outcome, "largest difference from one liquid / U")[0] < 1e-6
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(("form", "largest"), [
+    ("strain", 0.07), pytest.param("laplacian", 0.03, marks=pytest.mark.slow),
+    pytest.param("central", 0.14, marks=pytest.mark.slow)])
+def test_two_layers_flow_along_a_channel(form, largest):
+    """T12 at 1:1400 and 10 spacings; the study asks for 3 % at 40. Central forces do not converge (13 % to 11 %)."""
+    outcome = channel.run(channel.Parameters(ratio=1400.0, form=form, resolutions=(10,), times=2.0, steps=20))
+    assert values(outcome, "L2 error of the velocity, both layers")[0] < largest
+    assert values(outcome, "L2 error of the velocity, viscous layer")[0] < largest
+    assert not rows_that_fail(outcome, "L2 error of the velocity, both layers")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("form", ["central", "strain"])
+def test_liquid_in_a_circle_that_stopped_spins_down(form):
+    """T14: 5 %, as the study asks for."""
+    outcome = spin_down.run(spin_down.Parameters(form=form, resolutions=(16,), steps=100))
+    assert not rows_that_fail(outcome)
 
 
 @pytest.mark.slow
