@@ -152,4 +152,4 @@ def _profiles(result: Run, ratio: float, name: str) -> list[Curve]:
     axis = np.linspace(-1.0, 1.0, 201)
     profile = exact_velocity(ratio, axis)
     return [Curve("channel_profile", name, velocity[:, 0] / exact.max(), height),
-            Curve("channel_profile", "exact", profile / profile.max(), axis, "reference")]
+            Curve("channel_profile", f"exact 1:{ratio:g}", profile / profile.max(), axis, "reference")]
