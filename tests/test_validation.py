@@ -13,6 +13,7 @@ from pipeline.studies import (
     dam_break,
     hydrostatics,
     oil_shape,
+    oscillating_drop,
     rising_bubble,
     spin_down,
     still_tank,
@@ -256,3 +257,17 @@ def test_bubble_rises_as_in_the_benchmark():
             ("height of the center of mass at 3 s", rising_bubble.HEIGHT_AT_END, 0.04),
             ("largest speed", rising_bubble.SPEED, 0.15), ("smallest circularity", rising_bubble.CIRCULARITY, 0.05)):
         assert values(outcome, quantity)[0] == pytest.approx(expected, rel=tolerance)
+
+
+def test_damped_cosine_is_found_again():
+    time = np.linspace(0.0, 3.0, 400)
+    swing = 0.1 * np.exp(-0.4 * time) * np.cos(2.0 * np.pi * time / 0.9 + 0.05) + 1e-3
+    assert oscillating_drop.fitted(time, swing, 1.0) == pytest.approx((0.9, 0.4), rel=1e-6)
+
+
+def test_period_of_a_drop_far_from_the_wall_is_that_of_lamb(monkeypatch):
+    """omega^2 = 3 sigma / (rho R^3) for equal liquids without wall and viscosity (two dimensions)."""
+    monkeypatch.setattr(oscillating_drop, "CAVITY", 1e3)
+    omega = math.sqrt(3.0 * oscillating_drop.TENSION / (oscillating_drop.DENSITY * oscillating_drop.RADIUS**3))
+    case = oscillating_drop.Parameters(ohnesorge=1e-12)
+    assert oscillating_drop.period(case) == pytest.approx(2.0 * math.pi / omega, rel=1e-5)
