@@ -10,6 +10,8 @@ strain     K = B^T diag(2 mu V) B, with B the symmetric gradient of the velocity
 mu_ij is the harmonic mean 2 mu_i mu_j/(mu_i + mu_j), which keeps the shear stress continuous at a jump of viscosity.
 All conserve momentum; central and strain, which rigid rotations do not strain, conserve spin as well.
 """
+import abc
+
 import taichi as ti
 
 from sim.runtime import real
@@ -32,7 +34,7 @@ def alike(mu_i, mu_j):
 
 
 @ti.data_oriented
-class ViscousForm:
+class ViscousForm(abc.ABC):
     """Base of the forms.
 
     Parameters
@@ -50,9 +52,9 @@ class ViscousForm:
     def _vectors(self, rows):
         return ti.Vector.field(self.dimension, real(), shape=max(rows.rows, 1) * rows.width, layout=ti.Layout.SOA)
 
+    @abc.abstractmethod
     def assemble(self, dt: float) -> None:
         """Cache what depends on positions and viscosities, and set the diagonal of M + dt K."""
-        raise NotImplementedError
 
     def differentiate(self, v) -> None:
         """Compute what `added` needs of the field v."""
