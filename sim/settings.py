@@ -27,8 +27,8 @@ class Numerics:
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
     pressure_tolerance: float = parameter(
         1e-4, minimum=1e-8, maximum=1e-1,
-        meaning="mean residual of the pressure solve, as a share of the volume per step; in a full cavity with densities "
-                "up to 1:2 it is taken times the largest displacement per step over dx")
+        meaning="mean residual of the pressure solve, as a share of the volume per step; in a full cavity with "
+                "densities up to 1:2 it is taken times the largest displacement per step over dx")
     viscosity_tolerance: float = parameter(1e-4, minimum=1e-10, maximum=1e-1,
                                            meaning="relative residual of the implicit viscosity solve")
     maximum_iterations: int = parameter(200, minimum=1, maximum=10000, meaning="limit of iterations of every solve")
