@@ -113,6 +113,7 @@ def test_shape_of_balls_half_of_which_lies_on_the_wall():
         ratio, interface, bodies = oil_shape.measured(surface, 1e-4)
         assert bodies == count and ratio == pytest.approx(count ** (-1.0 / 3.0), rel=3e-3)
         assert interface == pytest.approx(count * 2.0 * np.pi * 0.01**2, rel=0.02)
+    assert oil_shape.measured(pyvista.PolyData(), 1e-4)[1:] == (0.0, 0)
 
 
 def test_claims_of_the_paper_are_judged_by_the_numbers():

@@ -100,6 +100,8 @@ def _load(name: str, liquid: str) -> Oil:
 
 def measured(surface, spacing: float) -> tuple[float, float, int]:
     """Sphericity, interface away from the wall, m2, and bodies of a closed surface with point data `depth`, m."""
+    if surface.n_cells == 0:  # before the injection
+        return np.nan, 0.0, 0
     sizes = surface.compute_cell_sizes(length=False, volume=False)
     area = sizes.cell_data["Area"]
     away = surface.point_data_to_cell_data().cell_data["depth"] > 0.5 * spacing
