@@ -91,3 +91,34 @@ def test_liquid_of_sixty_degrees_climbs_the_wall():
     cavities.run(solver, 0.1)
     final = 0.5 * BOX[0] / SPACING * (1.0 - np.sin(np.pi / 3.0)) / np.cos(np.pi / 3.0)
     assert 0.35 * final < meniscus(solver, 0.5 * BOX[0]) < 1.1 * final
+
+
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_force_of_the_jump_is_its_gradient_and_no_thin_shell(dimension):
+    """grad M by central differences; and M of a heavy drop, whose weight tilts it, changes over the whole drop.
+
+    Were it flat from four spacings off the interface on, the center would not feel the tilt at all, and the shell the
+    more; across the drop M then changes by the weight, that is by one over its diameter times |b|.
+    """
+    radius = 8.0 * SPACING
+    solver = cavities.build(
+        cavities.cavity("circle", 12.0 * SPACING, dimension), liquids=(LIQUIDS[0], Liquid("heavy", 1200.0, 0.1)),
+        phase=lambda x: np.linalg.norm(x, axis=1) < radius,
+        effects=(cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("gravity")))
+    solver.prepare_output()
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    position, jump_force, weight = cavities.read(solver, "position", "jump_force", "jump_weight")
+    gradient, step = np.empty_like(position), 1e-6 * SPACING
+    for axis in range(dimension):
+        ends = []
+        for sign in (1.0, -1.0):
+            solver.particles.from_numpy("position", position + sign * step * np.eye(dimension)[axis])
+            tension._extend()
+            ends.append(cavities.read(solver, "jump")[0])
+        gradient[:, axis] = (ends[0] - ends[1]) / (2.0 * step)
+    body = tension.body_force.to_numpy()
+    inside = weight > 0.5
+    scale = np.linalg.norm(body)
+    np.testing.assert_allclose(gradient[inside], (jump_force - body)[inside], rtol=0.0, atol=1e-4 * scale)
+    core = np.linalg.norm(position, axis=1) < 2.0 * SPACING
+    assert 0.3 < -(gradient[core] @ body).mean() / scale**2 < 2.0
