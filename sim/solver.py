@@ -88,7 +88,8 @@ class Solver:
             self.effects.append(c(parameters[c.Parameters], self))
         self.scheme = scheme(self)
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
-            setattr(self, f"{hook}_effects", [e for e in self.effects if e.overrides(hook)])
+            setattr(self, f"{hook}_effects",
+                    [e for e in self.effects if e.overrides(hook) and hook not in e.unused_hooks])
         self._prepare_rest_state()
 
     def _set_particles(self, position, volume, phase, velocity):

@@ -21,6 +21,7 @@ class Effect:
     fields : particle fields that this effect adds.
     uses : names of the fields of others that it reads or writes.
     requires : names of the effects that must be active too.
+    unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
     crowding : largest number of particles per rest volume that this effect makes; it sets the width of neighbor rows.
     """
@@ -30,6 +31,7 @@ class Effect:
     fields: tuple[Field, ...] = ()
     uses: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
+    unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
     crowding: float = 1.25
 

@@ -13,6 +13,7 @@ import taichi as ti
 
 from sim.effects.effect import Effect
 from sim.effects.liquid_viscosity import LiquidViscosity
+from sim.fields import Field
 from sim.parameters import parameter
 
 
@@ -32,11 +33,13 @@ class Viscosity(Effect):
 
     name = "viscosity"
     Parameters = ViscosityParameters
-    uses = ("velocity", "volume", "mass")
+    fields = (Field("wall_depth", "scalar", "m", "distance to the wall"),)
+    uses = ("position", "phase", "velocity", "volume", "mass")
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
-        self.central, self.no_slip = parameters.form == "central", parameters.wall == "no_slip"
+        self.central = parameters.form == "central"
+        self.unused_hooks = () if parameters.wall == "no_slip" else ("wall_acceleration",)
         self.factor = 2.0 * (solver.dimension + 2.0) if self.central else 2.0
         self.liquids = LiquidViscosity(solver)
 
@@ -49,6 +52,15 @@ class Viscosity(Effect):
 
     def stable_time_step(self) -> float:
         return self.time_step_limit(self.parameters, self.solver.settings)
+
+    def prepare(self, dt: float) -> None:
+        if not self.unused_hooks:
+            self._measure_depth()
+
+    @ti.kernel
+    def _measure_depth(self):
+        for i in range(self.solver.count[None]):
+            self.particles.wall_depth[i] = self.liquids.depth(i)
 
     @ti.func
     def _acceleration(self, i, mu, v_ij, x_ij, gradient):
@@ -67,7 +79,5 @@ class Viscosity(Effect):
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
-        mu = 0.0
-        if ti.static(self.no_slip):
-            mu = self.liquids.wall_factor(self.liquids.depth(i), b) * self.liquids.viscosity(i)
+        mu = self.liquids.wall_factor(self.particles.wall_depth[i], b) * self.liquids.viscosity(i)
         return self._acceleration(i, mu, self.particles.velocity[i], x_ib, gradient)
