@@ -211,4 +211,22 @@ rule metrics:
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
 
 
+rule bodies:
+    input:
+        scene=SCENE,
+        surfaces=lambda w: expand("outputs/{scene}/surfaces/segment_{segment}", scene=w.scene,
+                                  segment=flow.segments(w.scene)),
+    output:
+        table="outputs/{scene}/bodies.csv",
+        plot=report("outputs/{scene}/bodies.png", category="{scene}", caption="docs/report/bodies.rst",
+                    labels={"what": "4 plot: bodies of the liquids"}),
+    params:
+        depends=flow.depends("bodies"),
+    log: "outputs/{scene}/logs/bodies.log",
+    message: "{wildcards.scene}: count and measure the bodies of the liquids",
+    shell:
+        "python -m pipeline.bodies {input.scene} {input.surfaces} --output {output.table} --plot {output.plot}"
+        " 2>&1 | tee {log}"
+
+
 include: "rules/studies.smk"

@@ -31,6 +31,8 @@ UNREAD = {
     "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
     "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "schemes", "output.duration",
                     "output.image_size", "liquids.color", "liquids.source"),
+    "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
+               "liquids.color", "liquids.source"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
     "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
                 "liquids.color", "liquids.source"),

@@ -9,6 +9,7 @@ from pipeline.frames import FrameData
 from pipeline.scene_model import Scene
 from pipeline.signed_distance import SignedDistance
 
+MIXED = (0.05, 0.95)    # volume fractions of oil between which liquid counts as mixed
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
@@ -34,6 +35,18 @@ class Measured:
     def oil_fraction(self) -> np.ndarray:
         """Volume fraction of the oil, (n,)."""
         return self.frame.volume_fraction[:, self.oil]
+
+    @functools.cached_property
+    def droplets(self) -> int | None:
+        """Phase index of the liquid that is oil in droplets; None in a scene that makes none."""
+        effect = self.scene.effects.get("contact_line_emulsification")
+        return [liquid.name for liquid in self.scene.liquids].index(effect.droplets) if effect else None
+
+    @functools.cached_property
+    def optic_axis_extent(self) -> tuple[float, float]:
+        """Smallest and largest z of the cavity, m, to one cell of the signed distance."""
+        layers = np.flatnonzero((self.distance.values < 0.0).any(axis=(0, 1)))
+        return tuple(self.distance.origin[2] + self.distance.cell * layers[[0, -1]])
 
     @functools.cached_property
     def mass(self) -> np.ndarray:

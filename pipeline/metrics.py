@@ -2,68 +2,35 @@
 
 To add a metric, write one function of a :class:`~pipeline.measured.Measured` state and register it with ``@metric``: it
 becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of the report.
+Those of mixtures are in :mod:`pipeline.mixing_metrics`; ``--list`` prints what every column means.
 """
 import argparse
-import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline import mixing_metrics
 from pipeline.frames import find_frames, read_frame
 from pipeline.initial import load_initial
-from pipeline.measured import Measured
+from pipeline.measured import MIXED, Measured
+from pipeline.metric import Metric, registrar
 from pipeline.metrics_table import write_plots, write_summary, write_table
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 
-Value = float | dict[str, float]
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
 FULL_PARTICLE = 0.5
-MIXED = (0.05, 0.95)
 ISOLATED = 0.9      # share of the neighbors in another liquid, above which a particle is alone there
 
-
-@dataclasses.dataclass(frozen=True)
-class Metric:
-    """A number, or a few named ones, that every frame has.
-
-    Attributes
-    ----------
-    name, unit, meaning : for the column, the axis and the report.
-    function : called with the :class:`Measured` state of one frame; several numbers come as name -> number.
-    of_eye : whether it says something about an eye only, and a container goes without it.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    function: Callable[[Measured], Value]
-    of_eye: bool = False
-
-    def columns(self, state: Measured) -> dict[str, float]:
-        """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
-        value = self.function(state)
-        parts = {f"{self.name}_{part}": number for part, number in value.items()} if isinstance(value, dict) else {
-            self.name: value}
-        return {f"{column} [{self.unit}]": float(number) for column, number in parts.items()}
-
-
 METRICS: list[Metric] = []
-
-
-def metric(unit: str, meaning: str, *, of_eye: bool = False) -> Callable:
-    """Register a function as the metric of its name."""
-    def register(function: Callable[[Measured], Value]) -> Callable[[Measured], Value]:
-        METRICS.append(Metric(function.__name__, unit, meaning, function, of_eye))
-        return function
-    return register
+metric = registrar(METRICS)
 
 
 def metrics_of(scene: Scene) -> list[Metric]:
     """Return the metrics that have a meaning in a scene."""
-    return [one for one in METRICS if scene.container is None or not one.of_eye]
+    return [one for one in METRICS if one.applies_to(scene)]
 
 
 @metric("s", "simulated time")
@@ -209,6 +176,9 @@ def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radi
     return (total > 0) & (neighbors.max(axis=1, initial=0) > ISOLATED * total)
 
 
+METRICS += mixing_metrics.METRICS
+
+
 def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
     """Return the metrics of frames: column -> one number per frame, beginning with ``frame``.
 
@@ -230,9 +200,23 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path])
     return {column: np.array(numbers, float) for column, numbers in table.items()}
 
 
+class ListMetrics(argparse.Action):
+    """Option that prints every metric with its unit and meaning, and ends."""
+
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, nargs=0, **options)
+
+    def __call__(self, parser, *_) -> None:
+        for one in METRICS:
+            where = " and ".join(name for name, of in (("eyes", one.of_eye), ("mixtures", one.of_mixture)) if of)
+            print(f"{one.name} [{one.unit}]: {one.meaning}{where and f'; only of {where}'}")
+        parser.exit()
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.metrics scene.json initial.npz FRAMES_DIR... --output metrics.csv``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.metrics", description="Measure every frame of a scene.")
+    parser.add_argument("--list", action=ListMetrics, help="print the meaning of every metric, and end")
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("initial", type=Path, metavar="initial.npz", help="wall and signed distance")
     parser.add_argument("folders", type=Path, nargs="+", metavar="FRAMES_DIR", help="folders of frames")
