@@ -28,9 +28,10 @@ CONFLICTS = (
     ("viscosity", "viscosity_implicit", "both apply the shear stress"),
     ("interface_tension", "cohesion", "both pull the interface together"),
     ("interface_tension", "curvature", "both pull the interface together"),
+    ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),
     ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
-NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion")
+NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion", "collision")
 MOST_FRAMES = 100_000
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 

@@ -20,10 +20,11 @@ FLOW = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1e-6, "fill": 0.5,
 # Every effect with a coefficient that acts, and with one that does nothing.
 ACTIVE = {"injection": FLOW, "gravity": {}, "interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 10.0},
           "curvature": {"gamma": 10.0}, "viscosity": {"wall": "free_slip"},
-          "viscosity_implicit": {"wall": "free_slip"}, "diffusion": {"coefficient": 1e-5}}
+          "viscosity_implicit": {"wall": "free_slip"}, "diffusion": {"coefficient": 1e-5},
+          "collision": {}}
 ZERO = {"injection": FLOW | {"start": 1e9}, "gravity": {"magnitude": 0.0}, "interface_tension": {"coefficient": 0.0},
         "cohesion": {"gamma": 0.0}, "curvature": {"gamma": 0.0}, "viscosity": {}, "viscosity_implicit": {},
-        "diffusion": {"coefficient": 0.0}}
+        "diffusion": {"coefficient": 0.0}, "collision": {"strength": 0.0}}
 THIN, THICK = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0)
 INVISCID = (Liquid("aqueous", 1005.0, 0.0), Liquid("oil", 970.0, 0.0))
 

@@ -1,5 +1,6 @@
 """The effects: every physics other than pressure, one file each, one contract (``sim.effects.effect.Effect``)."""
 from sim.effects.cohesion import Cohesion
+from sim.effects.collision import Collision
 from sim.effects.curvature import Curvature
 from sim.effects.diffusion import Diffusion
 from sim.effects.effect import Effect
@@ -12,5 +13,6 @@ from sim.effects.viscosity_implicit import ViscosityImplicit
 # In the order in which the solver calls them.
 REGISTRY: dict[str, type[Effect]] = {
     effect.name: effect
-    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Diffusion)
+    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Diffusion,
+                   Collision)
 }
