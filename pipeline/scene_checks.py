@@ -29,9 +29,11 @@ CONFLICTS = (
     ("interface_tension", "cohesion", "both pull the interface together"),
     ("interface_tension", "curvature", "both pull the interface together"),
     ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),
+    ("drift", "collision", "one mixes the liquids, the other keeps them apart"),
     ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
+    ("injection", "drift", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
-NEED_TWO_LIQUIDS = ("injection", "interface_tension", "diffusion", "collision")
+NEED_TWO_LIQUIDS = ("injection", "interface_tension", "drift", "diffusion", "collision")
 MOST_FRAMES = 100_000
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 
@@ -114,6 +116,18 @@ def _effects_have_what_they_require(effects: dict) -> Found:
         for required in REGISTRY[name].requires:
             if required not in effects:
                 yield ("effects", name), f"needs the effect {required} too; add {required} or remove {name}"
+
+
+@_check
+def _drift_has_drag_and_a_way(effects: dict, liquids: tuple[Material, ...]) -> Found:
+    drift = effects.get("drift")
+    for liquid in liquids if drift and drift.coefficient > 0.0 else ():
+        if liquid.dynamic_viscosity == 0.0:
+            yield (("liquids", liquid.name, "dynamic_viscosity"),
+                   "is 0 Pa s, but must be above 0, for the drag on its droplets (effect drift)")
+    if drift and drift.dispersed is not None and drift.dispersed == drift.continuous:
+        yield (("effects", "drift", "continuous"),
+               f"is {drift.continuous}, the liquid of the droplets, but must be another one")
 
 
 @_check

@@ -14,7 +14,8 @@ class Field:
     Parameters
     ----------
     name : the field's term in full.
-    kind : "scalar", "vector" (one component per dimension), "liquids" (one component per liquid) or "integer".
+    kind : "scalar", "vector" (one component per dimension), "liquids" (one component per liquid), "liquid_vectors" (one
+        vector per liquid, one after the other) or "integer".
     unit, meaning : for the documentation.
     carried : True for state that outlives a step: it moves with the particle when particles are sorted and is
         stored in checkpoints. Other fields are scratch, valid within one step.
@@ -33,7 +34,7 @@ def allocate(field: Field, size: int, dimension: int, liquids: int):
         return ti.field(real(), shape=size)
     if field.kind == "integer":
         return ti.field(ti.i32, shape=size)
-    components = {"vector": dimension, "liquids": liquids}[field.kind]
+    components = {"vector": dimension, "liquids": liquids, "liquid_vectors": liquids * dimension}[field.kind]
     return ti.Vector.field(components, real(), shape=size, layout=ti.Layout.SOA)
 
 
@@ -56,7 +57,7 @@ class ParticleStore:
     ----------
     fields : the declared fields; equal names must agree.
     capacity : largest number of particles.
-    dimension, liquids : number of components of "vector" and "liquids" fields.
+    dimension, liquids : number of components of "vector" and "liquids" fields; "liquid_vectors" have their product.
     """
 
     def __init__(self, fields, capacity: int, dimension: int, liquids: int):
@@ -85,7 +86,8 @@ class ParticleStore:
     def bytes(self) -> int:
         """Memory of the declared fields."""
         item = 4 if real() == ti.f32 else 8
-        width = {"scalar": item, "integer": 4, "vector": item * self.dimension, "liquids": item * self.liquids}
+        width = {"scalar": item, "integer": 4, "vector": item * self.dimension, "liquids": item * self.liquids,
+                 "liquid_vectors": item * self.liquids * self.dimension}
         return sum(width[f.kind] for f in self.declared.values()) * self.capacity
 
     @ti.kernel
@@ -119,7 +121,7 @@ class ParticleStore:
         row = self.count[None]
         if row >= self.capacity:
             raise OverflowError(f"{row} particles fill the store; more were to be added")
-        zero = {f.name: np.zeros(self.arrays[f.name].n) if f.kind in ("vector", "liquids") else 0
+        zero = {f.name: 0 if f.kind in ("scalar", "integer") else np.zeros(self.arrays[f.name].n)
                 for f in self.declared.values() if f.carried}
         self.set_row(row, zero | values)
         self.count[None] = row + 1

@@ -267,8 +267,9 @@ class Solver:
                 self.particles.from_numpy(field.name, state[f"particles.{field.name}"])
         self.scheme.restore({k[7:]: v for k, v in state.items() if k.startswith("scheme.")})
         for effect in self.effects:
-            if any(f.carried and f"particles.{f.name}" not in state for f in effect.fields):
-                effect.start()
+            missing = {f.name for f in effect.fields if f.carried and f"particles.{f.name}" not in state}
+            if missing:
+                effect.start(missing)
             prefix = f"{effect.name}."
             effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
         self.search.sort()  # as the next step would

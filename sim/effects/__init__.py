@@ -3,6 +3,7 @@ from sim.effects.cohesion import Cohesion
 from sim.effects.collision import Collision
 from sim.effects.curvature import Curvature
 from sim.effects.diffusion import Diffusion
+from sim.effects.drift import Drift
 from sim.effects.effect import Effect
 from sim.effects.gravity import Gravity
 from sim.effects.injection import Injection
@@ -13,6 +14,6 @@ from sim.effects.viscosity_implicit import ViscosityImplicit
 # In the order in which the solver calls them.
 REGISTRY: dict[str, type[Effect]] = {
     effect.name: effect
-    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Diffusion,
-                   Collision)
+    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Drift,
+                   Diffusion, Collision)
 }

@@ -47,8 +47,8 @@ class Effect:
 
     # Hooks on the host, in the order of a step.
 
-    def start(self) -> None:
-        """Set this effect's carried fields from the particles, where no checkpoint has them."""
+    def start(self, missing: set[str]) -> None:
+        """Set this effect's carried fields of these names from the particles: no checkpoint has them."""
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
