@@ -28,8 +28,8 @@ TYPICAL_TENSION = 0.04
 # The inertial forces of a turn, which the solver leaves out, over the buoyancy, which it has.
 INERTIA_OF_TURN = 1.0
 
-ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "viscosity", "viscosity_implicit", "diffusion",
-           "injection"}
+ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
+           "diffusion", "injection"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 
@@ -70,7 +70,8 @@ def _is_seen(reach: float, scales: Scales) -> bool:
 def _strength(scales: Scales, limits: list[Limit]) -> Found:
     for effect, key, unit in (("gravity", "magnitude", "m/s2"), ("interface_tension", "coefficient", "N/m"),
                               ("diffusion", "coefficient", "m2/s"), ("cohesion", "gamma", "N m3/kg2"),
-                              ("curvature", "gamma", "m/s2")):
+                              ("cohesion", "tension", "N/m"), ("curvature", "gamma", "m/s2"),
+                              ("adhesion", "beta", "N m3/kg2")):
         parameters = scales.scene.effects.get(effect)
         jolted = effect == "gravity" and scales.jolts
         if parameters and getattr(parameters, key) == 0.0 and not jolted:
@@ -158,6 +159,8 @@ def _missing_tension(scales: Scales, limits: list[Limit]) -> Found:
         return  # mixing liquids have no tension, and the effect knows one interface
     if len(scales.liquids) != 2 or not scales.scene.closed:
         return
+    if "cohesion" in effects and effects["cohesion"].tension:
+        return
     if any(effects[name].gamma for name in effects.keys() & {"cohesion", "curvature"}):
         return
     bond = scales.bond_number(scales.gravity, TYPICAL_TENSION)
@@ -175,10 +178,10 @@ def _missing_tension(scales: Scales, limits: list[Limit]) -> Found:
 
 @_rule
 def _forces_without_unit(scales: Scales, limits: list[Limit]) -> Found:
-    for name in ("cohesion", "curvature"):
-        gamma = scales.scene.effects[name].gamma if name in scales.scene.effects else 0.0
-        if gamma > 0.0:
-            yield Advice(NOTE, name, f"its gamma of {gamma:g} is above 0, but no tension in N/m: Bo, We, Ca and Oh are "
+    for name, key in (("cohesion", "gamma"), ("curvature", "gamma"), ("adhesion", "beta")):
+        value = getattr(scales.scene.effects.get(name), key, None)
+        if value:
+            yield Advice(NOTE, name, f"its {key} of {value:g} is above 0, but no tension in N/m: Bo, We, Ca and Oh are "
                                      "unknown")
 
 

@@ -30,6 +30,7 @@ CONFLICTS = (
     ("interface_tension", "curvature", "both pull the interface together"),
     ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),
     ("drift", "collision", "one mixes the liquids, the other keeps them apart"),
+    ("interface_tension", "adhesion", "its contact angle says how the wall is wetted"),
     ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
     ("injection", "drift", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
@@ -108,6 +109,14 @@ def _effects_do_not_conflict(effects: dict) -> Found:
     for first, second, reason in CONFLICTS:
         if effects.keys() >= {first, second}:
             yield ("effects", second), f"cannot be used together with {first}: {reason}; remove one of them"
+
+
+@_check
+def _cohesion_has_one_strength(effects: dict) -> Found:
+    cohesion = effects.get("cohesion")
+    if cohesion and (cohesion.gamma is None) == (cohesion.tension is None):
+        given = "neither gamma nor tension" if cohesion.gamma is None else "both gamma and tension"
+        yield ("effects", "cohesion"), f"gives {given}, but needs one of the two"
 
 
 @_check

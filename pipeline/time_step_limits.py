@@ -75,7 +75,8 @@ def _acoustic_limit(scales: Scales) -> Limit:
     if scales.tension:
         expected.append(math.sqrt(math.pi * scales.tension / (2.0 * scales.density * scales.spacing)))
     if "cohesion" in scene.effects:
-        expected.append(math.sqrt(0.06 * scene.effects["cohesion"].gamma * scales.density * support))
+        gamma = max(scene.effects["cohesion"].coefficients(scene.settings()))
+        expected.append(math.sqrt(0.06 * gamma * scales.density * support))
     if "curvature" in scene.effects:
         expected.append(math.sqrt(scene.effects["curvature"].gamma * support))
     sound = max(expected) / MACH

@@ -13,7 +13,7 @@ DAM_WIDTH = 0.05715  # m, the broader dam of Martin & Moyce
 # Front of the dam (Martin & Moyce 1952, a = 2.25 in): t sqrt(2g/a) and x/a.
 DAM_FRONT = np.array([(0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944)])
 EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 0.1},
-                     "curvature": {"gamma": 0.1}, "diffusion": {"coefficient": 1e-6}}
+                     "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6}}
 
 
 def still_tank(scheme: str, height: float, particles: int, ratio: float = 1.0, dimension: int = 2, **more):

@@ -5,10 +5,11 @@ import pytest
 import taichi as ti
 
 from sim.effects import REGISTRY
+from sim.effects.cohesion import CohesionParameters
 from sim.effects.effect import Effect
 from sim.fields import Field, ParticleStore
 from sim.schemes import REGISTRY as SCHEMES
-from sim.settings import Liquid
+from sim.settings import Liquid, Numerics, Settings
 from sim.solver import BASE_FIELDS
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -18,14 +19,32 @@ RADIUS = 8.0 * SPACING
 FLOW = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1e-6, "fill": 0.5, "cannula": (0.0, 0.0, 0.0),
         "drain": (0.0, 5e-3, 0.0)}
 # Every effect with a coefficient that acts, and with one that does nothing.
-ACTIVE = {"injection": FLOW, "gravity": {}, "interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 10.0},
-          "curvature": {"gamma": 10.0}, "viscosity": {"wall": "free_slip"},
-          "viscosity_implicit": {"wall": "free_slip"}, "drift": {"droplet_diameter": 1e-3},
-          "diffusion": {"coefficient": 1e-5}, "collision": {}}
-ZERO = {"injection": FLOW | {"start": 1e9}, "gravity": {"magnitude": 0.0}, "interface_tension": {"coefficient": 0.0},
-        "cohesion": {"gamma": 0.0}, "curvature": {"gamma": 0.0}, "viscosity": {}, "viscosity_implicit": {},
-        "drift": {"droplet_diameter": 1e-3, "coefficient": 0.0}, "diffusion": {"coefficient": 0.0},
-        "collision": {"strength": 0.0}}
+ACTIVE = {
+    "injection": FLOW,
+    "gravity": {},
+    "interface_tension": {"coefficient": 0.04},
+    "cohesion": {"gamma": 10.0},
+    "curvature": {"gamma": 10.0},
+    "adhesion": {"beta": 10.0},
+    "viscosity": {"wall": "free_slip"},
+    "viscosity_implicit": {"wall": "free_slip"},
+    "drift": {"droplet_diameter": 1e-3},
+    "diffusion": {"coefficient": 1e-5},
+    "collision": {},
+}
+ZERO = {
+    "injection": FLOW | {"start": 1e9},
+    "gravity": {"magnitude": 0.0},
+    "interface_tension": {"coefficient": 0.0},
+    "cohesion": {"gamma": 0.0},
+    "curvature": {"gamma": 0.0},
+    "adhesion": {"beta": 0.0},
+    "viscosity": {},
+    "viscosity_implicit": {},
+    "drift": {"droplet_diameter": 1e-3, "coefficient": 0.0},
+    "diffusion": {"coefficient": 0.0},
+    "collision": {"strength": 0.0},
+}
 EXCHANGES = ("drift", "diffusion")  # carry momentum, but not its moment, from place to place
 THIN, THICK = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0)
 INVISCID = (Liquid("aqueous", 1005.0, 0.0), Liquid("oil", 970.0, 0.0))
@@ -390,7 +409,7 @@ def test_viscous_rows_are_those_of_the_chosen_form(whole):
     assert [hasattr(form, "pair_vector") for form in forms] == [True, False, False]
 
 
-# Cohesion and curvature.
+# Cohesion, curvature and adhesion.
 
 @ti.kernel
 def sample_spline(effect: ti.template(), r: ti.template(), value: ti.template()):
@@ -411,6 +430,47 @@ def test_cohesion_spline(solver):
     expected = shape * integral / np.trapezoid(2.0 * np.pi * q * shape, q) / SUPPORT**2
     np.testing.assert_allclose(value.to_numpy(), expected, rtol=0.0, atol=2e-3 * expected.max())
     assert q[np.flatnonzero(value.to_numpy() > 0.0)[0]] == pytest.approx(0.27, abs=0.02)
+
+
+def test_adhesion_spline(solver):
+    """Akinci et al. 2013, Eq. 7: attraction between h/2 and h alone; in 2D with the same integral over space."""
+    samples = 4001
+    q = np.linspace(0.0, 1.2, samples)
+    r, value = (ti.field(ti.f64, shape=samples) for _ in range(2))
+    r.from_numpy(q * SUPPORT)
+    sample_spline(effect_of(solver, "adhesion"), r, value)
+    shape = np.maximum(-4.0 * q**2 + 6.0 * q - 2.0, 0.0) ** 0.25
+    integral = 0.007 * np.trapezoid(4.0 * np.pi * q**2 * shape, q)
+    expected = shape * integral / np.trapezoid(2.0 * np.pi * q * shape, q) / SUPPORT**2
+    np.testing.assert_allclose(value.to_numpy(), expected, rtol=0.0, atol=1e-3 * expected.max())
+
+
+@pytest.mark.parametrize("liquid", [None, "oil"])
+def test_adhesion_pulls_its_liquid_to_the_wall(small_circle, liquid):
+    """Only within the support of the wall, along its normal, and only the liquid that was named."""
+    solver = cavities.build(small_circle, effects=(cavities.parameters("adhesion", beta=5.0, liquid=liquid),),
+                            liquids=INVISCID, phase=lambda x: x[:, 0] > 0.0)
+    solver.step()
+    position, acceleration = cavities.read(solver, "position", "acceleration")
+    oil = solver.particles.to_numpy("phase") == 1
+    distance = np.linalg.norm(position, axis=1)
+    outward = (acceleration * position).sum(axis=1) / distance
+    pulled = (RADIUS - distance < 0.6 * SUPPORT) & (oil | (liquid is None))
+    assert (outward[pulled] > 0.0).all()
+    along = np.linalg.norm(acceleration - outward[:, None] * position / distance[:, None], axis=1)
+    assert along[pulled].mean() < 0.2 * outward[pulled].mean()
+    assert (acceleration[(RADIUS - distance > 1.1 * SUPPORT) | (~oil & (liquid is not None))] == 0.0).all()
+
+
+def test_tension_of_cohesion_is_shared_by_two_liquids():
+    """gamma rho^2 is the same for both, and a liquid alone with its surface has twice as much."""
+    numerics = Numerics(particle_spacing=SPACING)
+    two, one = (Settings(2, (THIN, THICK), numerics, (), closed=closed) for closed in (True, False))
+    cohesion = CohesionParameters(tension=0.04)
+    thin, thick = cohesion.coefficients(two)
+    assert thin * THIN.density**2 == pytest.approx(thick * THICK.density**2)
+    assert cohesion.coefficients(one) == pytest.approx([2.0 * thin, 2.0 * thick])
+    assert CohesionParameters(gamma=3.0).coefficients(two) == [3.0, 3.0]
 
 
 def of_drop(solver, name):

@@ -172,6 +172,7 @@ def test_vorticity_confinement_spins_up():
 # Effects and what each may change: the position of a particle or its fractions, beside gravity alone.
 EFFECTS = {
     "viscosity": {}, "viscosity_implicit": {}, "cohesion": {"gamma": 10.0}, "curvature": {"gamma": 10.0},
+    "adhesion": {"beta": 10.0},
     "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0}, "diffusion": {"coefficient": 1e-5}}
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from pipeline.studies import oil_in_sphere
-from pipeline.studies.oil_in_sphere import Curves, fit, part
+from pipeline.studies.oil_in_sphere import Curves, fit, parted
 from pipeline.young_laplace import covered_arc, covered_share, oil_at_rest, profiles
 
 RADIUS = 0.011
@@ -122,7 +122,7 @@ def test_parting_finds_the_profile_in_labels_of_particles(dimension, angle, fill
     curves = Curves(OIL, RADIUS, dimension, spacing)
     start = np.array([exact.curvature * RADIUS * 0.7, exact.apex / RADIUS + 0.02])
     r = np.linalg.norm(np.delete(point, 1, axis=1), axis=1)
-    arc, found, apex = curves.contact(part(curves, r, point[:, 1], is_oil, start)[0])
+    arc, found, apex = curves.contact(parted(curves, r, point[:, 1], is_oil, start)[0])
     # A circle has some twenty particles along the interface, and the last before the wall decides.
     assert arc == pytest.approx(exact.arc, abs={2: 6.0, 3: 1.5}[dimension])
     assert found == pytest.approx(angle, abs={2: 4.0, 3: 1.0}[dimension])

@@ -15,9 +15,9 @@ particles that are labelled by the exact shape, which shows what it reads wrong.
 import dataclasses
 
 import numpy as np
-from scipy.optimize import minimize
 
 from pipeline.coverage import WallContact
+from pipeline.parting import part
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
 from pipeline.young_laplace import Profile, covered_arc, distance_to, interface, oil_at_rest
@@ -33,7 +33,6 @@ NEAR_WALL = 0.5  # contour closer to the wall than this, in particle spacings, i
 FIT_POINTS, FIT_STEPS = 250, 60
 FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
 FIT_ITERATIONS, FIT_DIFFERENCE = 40, 1e-4
-PARTING_REACH, PARTING_WIDTH = 3.0, 0.1  # particles considered, and width of the smooth step, in particle spacings
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
 FIGURES = (
     Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
@@ -179,8 +178,8 @@ def read(case: Parameters, solver, arrays) -> Reading:
         return Reading(*[np.nan] * 8, contact.covered_share(), speed)
     curves = Curves(_capillary_constant(case), case.radius, case.dimension, solver.spacing)
     unknown, misfit = fit(curves, r, z)
-    height = _up(case) * position[:, 1]
-    parting, mixed = part(curves, np.linalg.norm(np.delete(position, 1, axis=1), axis=1), height, phase > 0.5, unknown)
+    from_axis = np.linalg.norm(np.delete(position, 1, axis=1), axis=1)
+    parting, mixed = parted(curves, from_axis, _up(case) * position[:, 1], phase > 0.5, unknown)
     return Reading(*curves.contact(parting), mixed, *curves.contact(unknown), misfit, contact.covered_share(), speed)
 
 
@@ -236,30 +235,10 @@ class Curves:
         return float(360.0 - 2.0 * np.degrees(beta)), float(np.degrees(beta - phi_end)), apex
 
 
-def part(curves: Curves, r, z, is_oil, start) -> tuple[np.ndarray, float]:
-    """Find the profile that parts oil from water best.
-
-    What is smallest is the mean of a smooth step over the distance to the wrong side, so that single particles far off
-    count as one each, however far.
-
-    Returns
-    -------
-    The unknown of `Curves`, and the share of the particles within two spacings that are on the wrong side.
-    """
-    (first,) = curves.distances(r, z, start[:1], start[1:])
-    near = np.abs(first) < PARTING_REACH
-    r, z, side = r[near], z[near], np.where(is_oil[near], 1.0, -1.0)
-
-    def cost(unknown) -> float:
-        (distance,) = curves.distances(r, z, unknown[:1], unknown[1:])
-        return float((0.5 - 0.5 * np.tanh(side * distance / PARTING_WIDTH)).sum())
-
-    simplex = start + np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.03]])
-    best = minimize(cost, start, method="Nelder-Mead",
-                    options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 80}).x
-    (distance,) = curves.distances(r, z, best[:1], best[1:])
-    close = np.abs(distance) < 2.0
-    return best, float((side * distance < 0.0)[close].mean())
+def parted(curves: Curves, r, z, is_oil, start) -> tuple[np.ndarray, float]:
+    """Find the profile that parts oil from water best, from a start; see `pipeline.parting`."""
+    return part(lambda unknown, chosen: curves.distances(r[chosen], z[chosen], unknown[:1], unknown[1:])[0],
+                np.where(is_oil, 1.0, -1.0), start, np.array([0.3, 0.03]))
 
 
 def fit(curves: Curves, r, z) -> tuple[np.ndarray, float]:

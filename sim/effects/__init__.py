@@ -1,4 +1,5 @@
 """The effects: every physics other than pressure, one file each, one contract (``sim.effects.effect.Effect``)."""
+from sim.effects.adhesion import Adhesion
 from sim.effects.cohesion import Cohesion
 from sim.effects.collision import Collision
 from sim.effects.curvature import Curvature
@@ -14,6 +15,17 @@ from sim.effects.viscosity_implicit import ViscosityImplicit
 # In the order in which the solver calls them.
 REGISTRY: dict[str, type[Effect]] = {
     effect.name: effect
-    for effect in (Injection, Gravity, InterfaceTension, Cohesion, Curvature, Viscosity, ViscosityImplicit, Drift,
-                   Diffusion, Collision)
+    for effect in (
+        Injection,
+        Gravity,
+        InterfaceTension,
+        Cohesion,
+        Curvature,
+        Adhesion,
+        Viscosity,
+        ViscosityImplicit,
+        Drift,
+        Diffusion,
+        Collision,
+    )
 }
