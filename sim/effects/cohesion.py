@@ -5,9 +5,9 @@ repels below; its 2D form has the same shape, scaled to the same integral over s
 
 A tension in N/m becomes gamma = sigma / (k a rho^2 h^2). a is what the integral over pairs across a plane gives:
 sigma = (pi/8) n^2 int r^4 f dr in 3D and (1/3) n^2 int r^3 f dr in 2D, with f the force of a pair and n the number
-density. k is what the pressure jump of drops at rest gives over that (2.5 to 4.2 in 2D, 2.1 to 3.7 in 3D): the particles of both
-liquids order themselves along the interface. It depends on the drop by a third, so the tension is no better known than
-that; `interface_tension` is within 2 %.
+density. k is what the pressure jump of drops at rest gives over that, 2.5 to 4.2 in 2D and 2.1 to 3.7 in 3D: the
+particles of both liquids order themselves along the interface. So the tension is known to a third only;
+`interface_tension` is within 2 %.
 """
 import dataclasses
 import math
