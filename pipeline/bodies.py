@@ -163,9 +163,11 @@ def write_plot(path: Path, rows: Sequence[dict[str, object]], scene: Scene) -> N
     """Draw the number of bodies of every liquid over time, and how their sizes are distributed at the end."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    figure = Figure(figsize=(12, 4.5), layout="constrained")
     left, right = FigureCanvasAgg(figure).figure.subplots(1, 2)
+    spacing = 1e3 * scene.numerics.particle_spacing
     frames = sorted({row["frame"]: row["time [s]"] for row in rows}.items())
     for liquid in (one.name for one in scene.liquids):
         own = [row for row in rows if row["liquid"] == liquid]
@@ -174,16 +176,18 @@ def write_plot(path: Path, rows: Sequence[dict[str, object]], scene: Scene) -> N
         counts = [sum(row["frame"] == frame for row in own) for frame, _ in frames]
         left.step([time for _, time in frames], counts, where="post", label=liquid.replace("_", " "))
         size = np.sort([row["diameter [mm]"] for row in own if row["frame"] == frames[-1][0]])
-        right.step([*size, *size[-1:]], [*np.arange(len(size), 0, -1), *[0] * min(len(size), 1)], where="pre",
-                   label=liquid.replace("_", " "))
+        right.step([0.1 * spacing, *size], np.arange(len(size), -1, -1), where="post", label=liquid.replace("_", " "))
     left.set(xlabel="simulated time [s]", ylabel="bodies")
-    right.set(xlabel="diameter of the ball of equal volume [mm]", ylabel="bodies of at least this size",
-              xscale="log")
-    left.set_title(f"{scene.title or scene.name}: bodies of the liquids", loc="left", fontsize=12)
-    right.set_title("sizes at the end", loc="left", fontsize=12)
+    # From the size of a single particle to beyond the largest body.
+    largest = max((row["diameter [mm]"] for row in rows), default=1.0)
+    right.set(xlabel="diameter of the ball of equal volume [mm]", ylabel="bodies of at least this size", xscale="log",
+              xlim=(spacing, 2.0 * max(largest, spacing)))
+    figure.suptitle(f"{scene.title or scene.name}: bodies of the liquids", x=0.01, ha="left", fontsize=12)
+    right.set_title("sizes at the end", loc="left", fontsize=11)
     for axes in (left, right):
         axes.grid(alpha=0.3)
         axes.set_ylim(bottom=0)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         if axes.get_legend_handles_labels()[0]:
             axes.legend(frameon=False)
     with replacing(path) as partial:

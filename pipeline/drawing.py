@@ -70,8 +70,9 @@ def away_mark(draw: ImageDraw.ImageDraw, center, radius: float, width: float, to
         draw.line([x - d, y + d, x + d, y - d], fill=color, width=round(width))
 
 
-def color_bar(draw: ImageDraw.ImageDraw, box, colors: np.ndarray, title: str, ends, size: float) -> None:
-    """Horizontal bar of the colors (256, 3) for 0..1 with ticks; ``ends`` names 0 and 1.
+def color_bar(draw: ImageDraw.ImageDraw, box, colors: np.ndarray, title: str, ends, size: float,
+              ticks=("0.0", "0.2", "0.4", "0.6", "0.8", "1.0")) -> None:
+    """Horizontal bar of the colors (256, 3) with ``ticks`` at equal distances; ``ends`` names its ends.
 
     ``box`` is (left, top, right, bottom).
     """
@@ -80,10 +81,10 @@ def color_bar(draw: ImageDraw.ImageDraw, box, colors: np.ndarray, title: str, en
         color = tuple(int(v) for v in colors[round((x - left) / max(right - left - 1, 1) * 255)])
         draw.line([x, top, x, bottom], fill=color)
     draw.rectangle([left, top, right, bottom], outline=INK, width=max(1, round(size / 12)))
-    for k in range(6):
-        x = left + (right - left) * k / 5
+    for k, tick in enumerate(ticks):
+        x = left + (right - left) * k / (len(ticks) - 1)
         draw.line([x, bottom, x, bottom + size / 3], fill=INK, width=max(1, round(size / 12)))
-        write(draw, (x, bottom + 0.4 * size), f"{k / 5:.1f}", 0.9 * size, anchor="ma")
+        write(draw, (x, bottom + 0.4 * size), tick, 0.9 * size, anchor="ma")
     write(draw, ((left + right) / 2, top - 0.35 * size), title, size, anchor="md")
     write(draw, (left - 0.6 * size, (top + bottom) / 2), ends[0], size, anchor="rm")
     write(draw, (right + 0.6 * size, (top + bottom) / 2), ends[1], size, anchor="lm")

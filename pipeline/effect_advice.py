@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pipeline.dimensionless_numbers import EARTH_GRAVITY, Scales, shown
 from pipeline.time_step_limits import Limit
 from sim.effects import REGISTRY
+from sim.effects.contact_line_emulsification import shear_per_distance, volume_per_shear
 
 # In particle spacings: what moves, spreads or acts over less than one is lost between neighboring particles.
 SEEN = 1.0
@@ -29,7 +30,7 @@ TYPICAL_TENSION = 0.04
 INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
-           "diffusion", "injection"}
+           "diffusion", "injection", "contact_line_emulsification"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 
@@ -273,6 +274,41 @@ def _injection(scales: Scales, limits: list[Limit]) -> Found:
     else:
         yield Advice(SEEN_EFFECT, "injection", f"it ends at {shown(end, 's')}, within the "
                                                f"{shown(scales.duration, 's')} of the scene")
+
+
+@_rule
+def _contact_line_emulsification(scales: Scales, limits: list[Limit]) -> Found:
+    name, scene = "contact_line_emulsification", scales.scene
+    effect = scene.effects.get(name)
+    if not effect:
+        return
+    if effect.start >= scales.duration or effect.efficiency == 0.0 or effect.saccade_rate == 0.0:
+        yield Advice(WARNING, name, "makes no droplets: it starts at "
+                                    f"{shown(effect.start, 's')} of {shown(scales.duration, 's')}, with an efficiency "
+                                    f"of {effect.efficiency:g} and {effect.saccade_rate:g} saccades per second")
+        return
+    liquids = {liquid.name: liquid for liquid in scene.liquids}
+    oil, aqueous = liquids[effect.oil], liquids[effect.aqueous]
+    shear = shear_per_distance(effect.saccade_amplitude, aqueous) * scales.length
+    loss = volume_per_shear(effect, oil, aqueous) * shear * 2.0 * math.pi * scales.length
+    lapse = (scales.duration - effect.start) * effect.time_lapse
+    share = loss * (scales.duration - effect.start) / scales.cavity_volume
+    source = "the flow of the scene shears the wall" if effect.shear == "flow" else (
+        f"saccades shear the wall by {shear:.3g} 1/s; along an equator the oil would lose {share:.2g} of the cavity")
+    yield Advice(SEEN_EFFECT, name, f"{source}; the scene shows {lapse / 86400.0:.3g} days of it")
+    yield from _transport_of_droplets(scales, effect)
+
+
+def _transport_of_droplets(scales: Scales, effect) -> Found:
+    name, drift = "contact_line_emulsification", scales.scene.effects.get("drift")
+    if drift is None:
+        yield Advice(WARNING, name, "its droplets stay where the flow takes them: without the effect drift none rises")
+    elif not math.isclose(drift.coefficient, effect.time_lapse, rel_tol=0.01):
+        yield Advice(WARNING, name, f"one second shows {effect.time_lapse:.3g} s of its droplets, but "
+                                    f"{drift.coefficient:.3g} s of their rise (effects.drift.coefficient)")
+    if scales.scene.numerics.precision != "f64":
+        yield Advice(WARNING, name, "a share of droplets of some 1e-6 is lost in numbers of seven digits: use "
+                                    "numerics.precision f64")
 
 
 @_rule

@@ -28,7 +28,10 @@ class Measured:
 
     @functools.cached_property
     def oil(self) -> int:
-        """Phase index of the oil: the most viscous liquid."""
+        """Phase index of the oil: the most viscous liquid, of those that form an interface."""
+        effect = self.scene.effects.get("contact_line_emulsification")
+        if effect:
+            return [liquid.name for liquid in self.scene.liquids].index(effect.oil)
         return int(np.argmax([liquid.dynamic_viscosity for liquid in self.scene.liquids]))
 
     @property

@@ -15,7 +15,7 @@ from pipeline.errors import UserError
 from pipeline.files import replacing_folder
 from pipeline.frames import FrameData, find_frames, read_frame
 from pipeline.progress import progress
-from pipeline.section_panel import COLORS, Eye, SectionPanel
+from pipeline.section_panel import COLORS, DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
 from pipeline.surface_files import read_section, read_surface, surface_path
 
 HEADER, FOOTER = 0.125, 0.115       # of the height
@@ -41,7 +41,9 @@ class Renderer:
         self.split = width // 2 if eye_surface is not None else width
         liquids = [liquid.name for liquid in scene.liquids]
         self.water = next((name for name in liquids if name in WATERS), liquids[0] if len(liquids) > 1 else None)
-        self.shown = [index for index, name in enumerate(liquids) if name != self.water]
+        effect = scene.effects.get("contact_line_emulsification")
+        self.droplets = liquids.index(effect.droplets) if effect else None
+        self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
         self.panel = None
         self.view = None
         if eye_surface is not None:
@@ -68,7 +70,9 @@ class Renderer:
         fraction, dominance = plane("fraction"), plane("dominance")
         lines = [dominance[..., k] for k in range(1, dominance.shape[-1])]
         canvas = Image.new("RGB", self.size, (255, 255, 255))
-        canvas.paste(self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity), (0, self.top))
+        droplets = None if self.droplets is None else fraction[..., self.droplets]
+        canvas.paste(self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity, droplets),
+                     (0, self.top))
         if self.view is not None:
             body = self.view.draw([(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown])
             canvas.paste(Image.fromarray(np.ascontiguousarray(body)), (self.split, self.top))
@@ -86,6 +90,11 @@ class Renderer:
         header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time,
                subtitle=self._fill(frame), label=self.scene.label)
         bar, center = 0.2 * width, self.split / 2
+        if self.droplets is not None:
+            bar, center = 0.13 * width, 0.27 * self.split
+            middle = 0.76 * self.split
+            color_bar(draw, (middle - 0.75 * bar, height - 6.6 * u, middle + 0.75 * bar, height - 4.2 * u),
+                      DROPLET_COLORS, "oil in droplets, parts per million", ("", ""), 2.5 * u, DROPLET_TICKS)
         color_bar(draw, (center - bar / 2, height - 6.6 * u, center + bar / 2, height - 4.2 * u), COLORS,
                   f"{self._shown_name()} volume fraction",
                   (pretty(self.water) if self.water else "", self._shown_name()), 2.5 * u)
@@ -120,7 +129,10 @@ class Renderer:
     def _fill(self, frame: FrameData) -> str:
         total = frame.fill.sum()
         parts = [f"{pretty(frame.liquids[k])}: {100.0 * frame.fill[k] / total:.1f} %" for k in self.shown]
-        return ", ".join(parts) + f" of the cavity ({total * 1e6:.2f} mL)"
+        text = ", ".join(parts) + f" of the cavity ({total * 1e6:.2f} mL)"
+        if self.droplets is not None:
+            text += f"; in droplets: {1e6 * frame.fill[self.droplets] / total:.2g} millionths"
+        return text
 
 
 def render_frames(scene, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:

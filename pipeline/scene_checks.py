@@ -32,6 +32,9 @@ CONFLICTS = (
     ("drift", "collision", "one mixes the liquids, the other keeps them apart"),
     ("interface_tension", "adhesion", "its contact angle says how the wall is wetted"),
     ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
+    ("injection", "contact_line_emulsification",
+     "the fill is counted in unmixed particles, so let another scene start from the end"),
+    ("contact_line_emulsification", "collision", "one mixes the liquids, the other keeps them apart"),
     ("injection", "drift", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "drift", "diffusion", "collision")
@@ -100,7 +103,9 @@ def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
     if len(liquids) == 1:
         for name in effects.keys() & set(NEED_TWO_LIQUIDS):
             yield ("effects", name), "needs two liquids at least, but the scene has one"
-    if len(liquids) > 2 and "interface_tension" in effects:
+    # The oil in droplets is a part of the aqueous, a few millionths of it: it has no interface of its own here.
+    bulk = len(liquids) - ("contact_line_emulsification" in effects)
+    if bulk > 2 and "interface_tension" in effects:
         yield ("effects", "interface_tension"), f"knows one interface, but the scene has {len(liquids)} liquids"
 
 
@@ -125,6 +130,29 @@ def _effects_have_what_they_require(effects: dict) -> Found:
         for required in REGISTRY[name].requires:
             if required not in effects:
                 yield ("effects", name), f"needs the effect {required} too; add {required} or remove {name}"
+
+
+@_check
+def _droplets_are_a_liquid(effects: dict, liquids: tuple[Material, ...]) -> Found:
+    effect = effects.get("contact_line_emulsification")
+    if not effect:
+        return
+    key = ("effects", "contact_line_emulsification")
+    chosen = {name: getattr(effect, name) for name in ("oil", "aqueous", "droplets")}
+    if len(liquids) < 3 or len(set(chosen.values())) < 3:
+        given = ", ".join(f"{name} {value}" for name, value in chosen.items())
+        yield key, ("needs three liquids: oil, aqueous, and the oil in droplets as a third liquid of the scene, but it "
+                    f"has {given}")
+        return
+    densities = {liquid.name: liquid.density for liquid in liquids}
+    if densities[effect.droplets] != densities[effect.oil]:
+        yield (*key, "droplets"), (f"is {effect.droplets} of {densities[effect.droplets]:g} kg/m3, but must have the "
+                                   f"density of {effect.oil}, {densities[effect.oil]:g} kg/m3, of which it consists")
+    for name in ("oil", "aqueous"):
+        if not next(liquid.dynamic_viscosity for liquid in liquids if liquid.name == chosen[name]):
+            yield ("liquids", chosen[name], "dynamic_viscosity"), "is 0 Pa s, but must be above 0 to tear off droplets"
+    if np.linalg.norm(effect.saccade_axis) == 0.0:
+        yield (*key, "saccade_axis"), "is 0, 0, 0, but must have a direction"
 
 
 @_check

@@ -13,6 +13,10 @@ from skimage.measure import find_contours
 from pipeline.drawing import FAINT_INK, INK, arrow, away_mark, write
 
 COLORS = (colormaps["cividis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+# Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen.
+DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+DROPLET_RANGE = (1e-8, 1e-3)
+DROPLET_TICKS = ("0.01", "0.1", "1", "10", "100", "1000")       # parts per million
 PAPER = (255, 255, 255)
 WALL = (214, 190, 184)
 LENS = (233, 238, 243)
@@ -63,9 +67,15 @@ class SectionPanel:
         return (self.size[0] / 2 - (np.asarray(z) - self.center[1]) * self.scale,
                 self.size[1] / 2 - (np.asarray(y) - self.center[0]) * self.scale)
 
-    def draw(self, fraction: np.ndarray, dominance: list[np.ndarray], gravity: np.ndarray) -> Image.Image:
-        """Panel of one frame: ``fraction`` (ny, nz) of what is shown, black lines where a ``dominance`` is zero."""
+    def draw(self, fraction: np.ndarray, dominance: list[np.ndarray], gravity: np.ndarray,
+             droplets: np.ndarray | None = None) -> Image.Image:
+        """Panel of one frame: ``fraction`` (ny, nz) of what is shown, black lines where a ``dominance`` is zero.
+
+        ``droplets`` (ny, nz) is the share of oil in droplets, which is drawn over the liquid around them.
+        """
         colors = COLORS[np.clip(self._sample(fraction) * 255.0 + 0.5, 0, 255).astype(np.uint8)]
+        if droplets is not None:
+            colors = self._with_droplets(colors, droplets)
         pixels = np.where(self.inside[..., None], colors, self.background)
         image = Image.fromarray(pixels)
         lines = Image.new("L", self.size, 0)
@@ -78,6 +88,13 @@ class SectionPanel:
         image.paste((0, 0, 0), mask=Image.fromarray(np.where(self.inside, np.asarray(lines), 0).astype(np.uint8)))
         self._marks(ImageDraw.Draw(image), gravity)
         return image
+
+    def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
+        low, high = np.log10(DROPLET_RANGE)
+        level = (np.log10(np.maximum(self._sample(droplets), 10.0**low)) - low) / (high - low)
+        paint = DROPLET_COLORS[np.clip(level * 255.0 + 0.5, 0, 255).astype(np.uint8)]
+        opacity = np.clip(5.0 * level, 0.0, 1.0)[..., None]     # fades in over the first decade
+        return (colors * (1.0 - opacity) + paint * opacity).round().astype(np.uint8)
 
     def _sample(self, values: np.ndarray) -> np.ndarray:
         """Bilinear values at the pixels; the nearest node beyond the border."""

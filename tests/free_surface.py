@@ -3,7 +3,7 @@ import math
 
 import cavities
 import numpy as np
-from cavities import build, cavity, parameters
+from cavities import AQUEOUS, OIL, build, cavity, parameters
 
 from sim.settings import Liquid
 
@@ -13,7 +13,9 @@ DAM_WIDTH = 0.05715  # m, the broader dam of Martin & Moyce
 # Front of the dam (Martin & Moyce 1952, a = 2.25 in): t sqrt(2g/a) and x/a.
 DAM_FRONT = np.array([(0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944)])
 EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 0.1},
-                     "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6}}
+                     "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6},
+                     "drift": {"droplet_diameter": 1e-5},
+                     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}}
 
 
 def still_tank(scheme: str, height: float, particles: int, ratio: float = 1.0, dimension: int = 2, **more):
@@ -71,10 +73,11 @@ def dam_front(scheme: str, particles: int, **more):
 
 
 def full_box(scheme: str, dimension: int, names):
-    """Return a small full box of two liquids that is stirred, with the named effects all at once."""
+    """Return a small full box of two liquids (and droplets) that is stirred, with the named effects all at once."""
     effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
     return build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
-                 scheme=scheme, velocity=lambda x: 1e-2 * np.sin(1e3 * x))
+                 liquids=(AQUEOUS, OIL, Liquid("droplets", OIL.density, OIL.dynamic_viscosity)), scheme=scheme,
+                 velocity=lambda x: 1e-2 * np.sin(1e3 * x))
 
 
 def assert_runs(solver, largest_speed: float) -> None:

@@ -18,6 +18,7 @@ SUPPORT = 2.5 * SPACING
 RADIUS = 8.0 * SPACING
 FLOW = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 1e-6, "fill": 0.5, "cannula": (0.0, 0.0, 0.0),
         "drain": (0.0, 5e-3, 0.0)}
+SHEDDING = {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}
 # Every effect with a coefficient that acts, and with one that does nothing.
 ACTIVE = {
     "injection": FLOW,
@@ -28,6 +29,7 @@ ACTIVE = {
     "adhesion": {"beta": 10.0},
     "viscosity": {"wall": "free_slip"},
     "viscosity_implicit": {"wall": "free_slip"},
+    "contact_line_emulsification": SHEDDING,
     "drift": {"droplet_diameter": 1e-3},
     "diffusion": {"coefficient": 1e-5},
     "collision": {},
@@ -41,13 +43,14 @@ ZERO = {
     "adhesion": {"beta": 0.0},
     "viscosity": {},
     "viscosity_implicit": {},
+    "contact_line_emulsification": SHEDDING | {"efficiency": 0.0},
     "drift": {"droplet_diameter": 1e-3, "coefficient": 0.0},
     "diffusion": {"coefficient": 0.0},
     "collision": {"strength": 0.0},
 }
 EXCHANGES = ("drift", "diffusion")  # carry momentum, but not its moment, from place to place
-THIN, THICK = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0)
-INVISCID = (Liquid("aqueous", 1005.0, 0.0), Liquid("oil", 970.0, 0.0))
+THIN, THICK, DROPLETS = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0), Liquid("droplets", 970.0, 3.0)
+INVISCID = (Liquid("aqueous", 1005.0, 0.0), Liquid("oil", 970.0, 0.0), Liquid("droplets", 970.0, 0.0))
 
 
 def test_every_effect_is_tested_here():
@@ -66,7 +69,8 @@ def everything(values):
 @pytest.fixture(scope="module")
 def whole(small_circle):
     """Return a solver with every effect, which the tests give particles of their own."""
-    return cavities.build(small_circle, effects=everything(ACTIVE), liquids=(THIN, THICK), viscosity_tolerance=1e-10)
+    return cavities.build(small_circle, effects=everything(ACTIVE), liquids=(THIN, THICK, DROPLETS),
+                          viscosity_tolerance=1e-10)
 
 
 @pytest.fixture
@@ -606,7 +610,7 @@ def test_diffusion_conserves_and_stays_in_range(diffusing):
 def test_mixed_particles_have_the_viscosity_of_the_mixture(solver):
     """exp(sum of fraction ln mu), here the geometric mean."""
     count = solver.count[None]
-    solver.particles.from_numpy("volume_fraction", np.full((count, 2), 0.5))
+    solver.particles.from_numpy("volume_fraction", np.tile([0.5, 0.5, 0.0], (count, 1)))
     effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
     expected = np.sqrt(THIN.dynamic_viscosity * THICK.dynamic_viscosity)
     np.testing.assert_allclose(cavities.read(solver, "dynamic_viscosity")[0], expected, rtol=1e-12)

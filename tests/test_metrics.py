@@ -13,6 +13,7 @@ from pipeline.measured import Measured
 from pipeline.metrics_table import columns_by_metric, read_table
 from pipeline.scene_model import Material, Output, Scene
 from pipeline.shapes import shape_arrays
+from sim.effects.contact_line_emulsification import ContactLineEmulsificationParameters
 from sim.effects.diffusion import DiffusionParameters
 from sim.settings import Numerics
 
@@ -200,6 +201,31 @@ def test_emulsion_is_counted_where_it_is(sphere):
     assert sum(whole[f"emulsion_{side} [mL]"] for side in (
         "superior_temporal", "superior_nasal", "inferior_temporal", "inferior_nasal")) == pytest.approx(
             whole["emulsion_whole [mL]"])
+
+
+def test_droplets_are_counted_as_the_emulsion(sphere):
+    """The third liquid is the oil in droplets: 2 millionths of the upper half, 20 at the very front."""
+    position = sphere["fluid_position"]
+    droplets = np.where(position[:, 1] > 0, 2e-6, 0.0)
+    front = (position[:, 2] > 0.9 * RADIUS) & (position[:, 1] > np.abs(position[:, 0]))
+    droplets[front] = 2e-5
+    fraction = np.column_stack([1.0 - droplets, np.zeros(len(position)), droplets])
+    liquids = (AQUEOUS, OIL, dataclasses.replace(OIL, name="droplets"))
+    frame = synthetic_frames.frame_of(position, fraction, liquids=("aqueous", "oil", "droplets"))
+    effect = ContactLineEmulsificationParameters(oil="oil", aqueous="aqueous", droplets="droplets")
+    scene = dataclasses.replace(make_scene(), liquids=liquids, effects={"contact_line_emulsification": effect})
+    found = values(Measured(scene, sphere, frame))
+    each = 1e6 * frame.volume[0]
+    total = each * droplets.sum()
+    assert found["emulsion_whole [mL]"] == pytest.approx(total, rel=1e-5)
+    assert found["emulsion_inferior_nasal [mL]"] == 0
+    assert found["emulsion_superior_angle [mL]"] >= each * droplets[front].sum() * (1 - 1e-5)
+    assert found["emulsion_content_superior_temporal [%]"] == pytest.approx(
+        100 * droplets[(position[:, 1] > 0) & (position[:, 0] < 0)].mean(), rel=1e-5)
+    assert found["droplet_band_10_to_100 [mL]"] == pytest.approx(each * front.sum())
+    assert found["droplet_band_1_to_10 [mL]"] == pytest.approx(each * (droplets == 2e-6).sum())
+    # The oil is the liquid that sheds droplets, not the droplets that are as viscous.
+    assert found["fill [%]"] == 0 and found["volume_droplets [mL]"] == pytest.approx(total, rel=1e-5)
 
 
 def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():

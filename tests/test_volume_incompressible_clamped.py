@@ -131,5 +131,6 @@ def test_restart_is_bit_identical():
 def test_every_effect_runs(name, dimension):
     effects = (parameters(name, **EFFECT_PARAMETERS.get(name, {})),)
     solver = build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
-                   velocity=lambda x: 1e-2 * np.sin(1e3 * x), liquids=(cavities.AQUEOUS, Liquid("light", 300.0, 1e-3)))
+                   velocity=lambda x: 1e-2 * np.sin(1e3 * x),
+                   liquids=(cavities.AQUEOUS, Liquid("oil", 300.0, 1e-3), Liquid("droplets", 300.0, 1e-3)))
     assert_runs(solver, 0.2)

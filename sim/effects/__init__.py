@@ -2,6 +2,7 @@
 from sim.effects.adhesion import Adhesion
 from sim.effects.cohesion import Cohesion
 from sim.effects.collision import Collision
+from sim.effects.contact_line_emulsification import ContactLineEmulsification
 from sim.effects.curvature import Curvature
 from sim.effects.diffusion import Diffusion
 from sim.effects.drift import Drift
@@ -24,6 +25,7 @@ REGISTRY: dict[str, type[Effect]] = {
         Adhesion,
         Viscosity,
         ViscosityImplicit,
+        ContactLineEmulsification,
         Drift,
         Diffusion,
         Collision,

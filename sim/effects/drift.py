@@ -36,7 +36,8 @@ class DriftParameters:
     """Rise and sinking of droplets of each liquid in the others (S1 Eqs. 10-13, corrected: with drag)."""
 
     droplet_diameter: float = parameter(unit="m", exclusive_minimum=0.0, maximum=1e-2, meaning="diameter of droplets")
-    coefficient: float = parameter(1.0, minimum=0.0, maximum=1e3, meaning="factor C_m of the transport by drift")
+    coefficient: float = parameter(1.0, minimum=0.0, maximum=1e9,
+                                   meaning="factor C_m of the transport by drift: also that of a time-lapse")
     form: str = parameter("algebraic", choices=("algebraic", "dynamic"),
                           meaning="slip in local equilibrium of weight and drag, or with the inertia of the droplets")
     hindrance: float = parameter(0.0, minimum=0.0, maximum=10.0,

@@ -1,0 +1,229 @@
+"""Droplets that eye movements tear off the oil where oil, aqueous and wall meet.
+
+The interface away from the wall does not emulsify under saccades, it only bends; droplets form at the three-phase
+contact line (Wang et al. 2022, J Biomech Eng, doi 10.1115/1.4053004). No law for their number is published. The one
+here has the factors that are: more droplets with more shear, and fewer with a higher interfacial tension (proteins
+lower it) and a higher viscosity of the oil (Crisp et al. 1987, Arch Ophthalmol 105:546). One saccade takes off, per
+length of the contact line, a thread of droplets of the cross-section
+
+    efficiency d^2 Ca mu_ref/mu_oil,    Ca = mu_aqueous shear_rate d / sigma,
+
+with the droplet's own capillary number Ca, so that oil is lost at `saccade_rate` times that per length and time. The
+shear rate at the wall is that of a saccade: a rotation by the amplitude A within the duration D = 21 ms + 2.2 ms/deg A
+of the main sequence, with the peak rate 1.875 A/D of a minimum-jerk turn. A wall that oscillates with the frequency
+Omega = pi/D and the speed U shears the liquid by U sqrt(Omega/nu) (Stokes' second problem): a layer of 0.1 mm, which no
+scene resolves. Where `shear` is "flow", the flow of the scene along the wall gives the shear rate in its place.
+
+The droplets are far smaller than the particles: they are a liquid of their own, of the oil's density, as a volume
+fraction. Within two particle spacings of the wall an oil particle i and an aqueous neighbor j exchange volume: droplets
+arrive in j, and the aqueous whose place they take goes to i. So the volume of oil and droplets together, that of the
+aqueous, each particle's volume, mass and momentum are conserved, and the fractions stay in [0, 1]
+(``sim.effects.mixture``). The length of the contact line is the sum over the pairs
+
+    l_ij = C b_i b_j V_i V_j |W'| (alpha_oil,i alpha_aqueous,j + alpha_oil,j alpha_aqueous,i)
+
+with the weight b of the layer at the wall, 1/m, whose integral over the depth is 1. Along a straight line in the wall
+the sum of |W'| over the pairs across it is 1/C per length: with the distance s along the wall and the mean over the
+depths of both particles, 1/C = 2 int <|W'|> s^2 ds (the 2 is the mean |cos| of 2/pi times pi), and int <|W'|> s ds in
+two dimensions, where the line is a point and its length 1.
+"""
+import dataclasses
+import math
+
+import numpy as np
+import taichi as ti
+
+from sim.effects.mixture import Mixing
+from sim.fields import Field
+from sim.parameters import parameter
+from sim.runtime import real
+
+LAYER = 2.0  # depth of the layer at the wall in which the contact line is found, in particle spacings
+SACCADE_TIME, TIME_PER_DEGREE = 21e-3, 2.2e-3  # main sequence of saccades: duration at no amplitude, s, and per degree
+PEAK = 1.875  # peak over mean rate of a minimum-jerk turn
+QUADRATURE = 400  # intervals of the integral over the kernel, along the wall and in depth
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactLineEmulsificationParameters:
+    """Droplets from the contact line of oil, aqueous and wall, by eye movements; defaults marked A are assumptions."""
+
+    oil: str = parameter(liquid=True, meaning="liquid that loses droplets")
+    aqueous: str = parameter(liquid=True, meaning="liquid that takes them up")
+    droplets: str = parameter(liquid=True, meaning="the oil in droplets: a liquid of the oil's density")
+    droplet_diameter: float = parameter(1.5e-6, unit="m", exclusive_minimum=0.0, maximum=1e-3,
+                                        meaning="diameter d of a droplet; of those washed out of eyes, 81 % are of 1 "
+                                                "to 2 um (J Ophthalmol 2020, 6940625)")
+    interface_tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, maximum=1.0,
+                                         meaning="tension that holds a droplet back; 40 mN/m clean, 15 with proteins")
+    reference_viscosity: float = parameter(1.0, unit="Pa*s", exclusive_minimum=0.0, maximum=100.0,
+                                           meaning="viscosity of the oil for which the efficiency holds")
+    efficiency: float = parameter(0.1, minimum=0.0, maximum=1e6,
+                                  meaning="cross-section torn off per saccade over d^2 Ca mu_ref/mu_oil (A: see the "
+                                          "scene emulsification_contact_line)")
+    saccade_rate: float = parameter(2.0, unit="1/s", minimum=0.0, maximum=100.0,
+                                    meaning="saccades per time, the night included (A: 3 per second for 16 of 24 h)")
+    saccade_amplitude: float = parameter(10.0, unit="deg", minimum=0.0, maximum=60.0, meaning="turn in one saccade")
+    saccade_axis: tuple[float, float, float] = parameter(
+        (0.0, 1.0, 0.0), meaning="axis of the saccades through the origin; (0, 1, 0): they are horizontal")
+    shear: str = parameter("saccades", choices=("saccades", "flow"),
+                           meaning="what shears the contact line: saccades as above, or the flow of the scene")
+    start: float = parameter(0.0, unit="s", minimum=0.0, meaning="time at which the emulsification begins")
+    time_lapse: float = parameter(1.0, exclusive_minimum=0.0, maximum=1e9,
+                                  meaning="seconds of emulsification that one simulated second shows")
+
+
+def saccade_duration(amplitude: float) -> float:
+    """Duration of a saccade of an amplitude in degrees, s (main sequence)."""
+    return SACCADE_TIME + TIME_PER_DEGREE * amplitude
+
+
+def saccade_speed(amplitude: float) -> float:
+    """Peak rate of rotation in a saccade of an amplitude in degrees, rad/s."""
+    return PEAK * math.radians(amplitude) / saccade_duration(amplitude)
+
+
+def shear_per_distance(amplitude: float, aqueous) -> float:
+    """Shear rate at the wall in a saccade (amplitude in degrees) per distance from its axis, 1/(m s).
+
+    Stokes' second problem: a wall that oscillates with the speed U and the frequency Omega shears by U sqrt(Omega/nu).
+    """
+    frequency = math.pi / saccade_duration(amplitude)
+    return saccade_speed(amplitude) * math.sqrt(frequency * aqueous.density / aqueous.dynamic_viscosity)
+
+
+def volume_per_shear(parameters, oil, aqueous) -> float:
+    """Volume torn off per length of the contact line, simulated time and shear rate at the wall, m2."""
+    capillary_number_per_shear = aqueous.dynamic_viscosity * parameters.droplet_diameter / parameters.interface_tension
+    cross_section = (parameters.efficiency * parameters.droplet_diameter**2 * capillary_number_per_shear
+                     * parameters.reference_viscosity / oil.dynamic_viscosity)
+    return parameters.time_lapse * parameters.saccade_rate * cross_section
+
+
+@ti.data_oriented
+class ContactLineEmulsification(Mixing):
+    """Exchange of oil for droplets between the particles at the contact line."""
+
+    name = "contact_line_emulsification"
+    Parameters = ContactLineEmulsificationParameters
+    fields = (
+        *Mixing.fields,
+        Field("wall_layer_weight", "scalar", "1/m", "weight of the layer at the wall, its integral over depth is 1"),
+        Field("wall_shear_rate", "scalar", "1/s", "shear rate at the wall"),
+        Field("contact_line_part", "scalar", "m", "length of the contact line that belongs to the particle (1 in 2D)"),
+    )
+
+    def __init__(self, parameters, solver):
+        super().__init__(parameters, solver)
+        names = [liquid.name for liquid in solver.liquids]
+        chosen = (parameters.oil, parameters.aqueous, parameters.droplets)
+        if len(set(chosen)) < 3:
+            raise ValueError("contact_line_emulsification needs three liquids: oil, aqueous, and the oil in droplets")
+        self.oil, self.aqueous, self.droplets = (names.index(name) for name in chosen)
+        oil, aqueous, droplets = (solver.liquids[index] for index in (self.oil, self.aqueous, self.droplets))
+        if oil.density != droplets.density:
+            raise ValueError(f"{droplets.name} must have the density of {oil.name}, of which it consists, to conserve "
+                             "mass")
+        self.distance, self.dimension = solver.distance, solver.dimension
+        self.layer = LAYER * solver.spacing
+        self.kernel_weight = ti.field(real(), shape=())  # C
+        self._set_kernel_weight(self._kernel_integral())
+        self.acts = parameters.efficiency > 0.0 and parameters.saccade_rate > 0.0
+        if self.acts and not (oil.dynamic_viscosity > 0.0 and aqueous.dynamic_viscosity > 0.0):
+            raise ValueError(f"contact_line_emulsification needs a dynamic_viscosity above 0 of {oil.name} and "
+                             f"{aqueous.name}")
+        self.shear_per_distance = shear_per_distance(parameters.saccade_amplitude, aqueous) if self.acts else 0.0
+        axis = np.array(parameters.saccade_axis) / np.linalg.norm(parameters.saccade_axis)
+        self.axis = ti.Vector([float(v) for v in axis[: self.dimension]])
+        self.measures_flow = parameters.shear == "flow"
+        self.line_length = ti.field(ti.f64, shape=())
+        self.volume_per_shear = volume_per_shear(parameters, oil, aqueous) if self.acts else 0.0
+
+    @ti.kernel
+    def _kernel_integral(self) -> float:
+        """Integral of <|W'|> s^(d-1) over the distance s along the wall, by the midpoint rule.
+
+        Two particles of the layer differ in depth by u layers with the density 4/3 - 2 u + 2/3 u^3.
+        """
+        total = 0.0
+        step = self.kernel.support_radius / QUADRATURE
+        ti.loop_config(serialize=True)
+        for n in range(QUADRATURE * QUADRATURE):
+            s, u = (n % QUADRATURE + 0.5) * step, (n // QUADRATURE + 0.5) / QUADRATURE
+            r = ti.sqrt(s * s + (u * self.layer) ** 2)
+            density = 2.0 * (4.0 / 3.0 - 2.0 * u + 2.0 / 3.0 * u**3)
+            total -= density / QUADRATURE * self.kernel.gradient_factor(r) * r * s ** (self.dimension - 1) * step
+        return total
+
+    def _set_kernel_weight(self, integral: float) -> None:
+        self.kernel_weight[None] = 1.0 / ((2.0 if self.dimension == 3 else 1.0) * integral)
+
+    @ti.kernel
+    def _measure_wall(self):
+        for i in range(self.count[None]):
+            x = self.particles.position[i]
+            depth = ti.max(-self.distance.value(x), 0.0)
+            self.particles.wall_layer_weight[i] = 2.0 / self.layer * ti.max(1.0 - depth / self.layer, 0.0)
+            rate = 0.0
+            if depth < self.layer:
+                if ti.static(self.measures_flow):
+                    normal = self.distance.normal(x)
+                    v = self.particles.velocity[i]
+                    rate = (v - v.dot(normal) * normal).norm() / ti.max(depth, 0.05 * self.layer)
+                else:
+                    rate = self.shear_per_distance * (x - x.dot(self.axis) * self.axis).norm()
+            self.particles.wall_shear_rate[i] = rate
+
+    @ti.func
+    def _line(self, i, j, x_ij):
+        """l_ij without the fractions, over 2 V_i V_j |W'|/r: 1/m in three dimensions."""
+        return 0.5 * self.kernel_weight[None] * x_ij.norm() * (
+            self.particles.wall_layer_weight[i] * self.particles.wall_layer_weight[j])
+
+    @ti.func
+    def pair_rate(self, i, j, x_ij):
+        shear = 0.5 * (self.particles.wall_shear_rate[i] + self.particles.wall_shear_rate[j])
+        return self.volume_per_shear * shear * self._line(i, j, x_ij)
+
+    @ti.func
+    def pair_flux(self, i, j, x_ij):
+        own, other = self.particles.volume_fraction[i], self.particles.volume_fraction[j]
+        rate = self.pair_rate(i, j, x_ij)
+        arriving = rate * other[self.oil] * own[self.aqueous]  # oil of j, as droplets
+        leaving = rate * own[self.oil] * other[self.aqueous]
+        flux = own * 0.0
+        flux[self.droplets] = arriving
+        flux[self.oil] = -leaving
+        flux[self.aqueous] = leaving - arriving
+        return flux
+
+    def prepare(self, dt: float) -> None:
+        if dt == 0.0 or not self.acts or self.solver.time < self.parameters.start:
+            return
+        self._measure_wall()
+        self.mix(dt)
+
+    @ti.kernel
+    def _measure_line(self):
+        for i in range(self.count[None]):
+            own = self.particles.volume_fraction[i]
+            total = 0.0
+            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                j = self.pairs.index[k]
+                x_ij = self._separation(i, j)
+                other = self.particles.volume_fraction[j]
+                total += self._weight(j, x_ij) * self._line(i, j, x_ij) * (
+                    own[self.oil] * other[self.aqueous] + other[self.oil] * own[self.aqueous])
+            self.particles.contact_line_part[i] = 0.5 * self.particles.volume[i] * total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            length = ti.cast(0.0, ti.f64)
+            for i in range(self.count[None]):
+                length += self.particles.contact_line_part[i]
+            self.line_length[None] = length
+
+    def contact_line_length(self) -> float:
+        """Length of the contact line, m; in two dimensions the number of contact points."""
+        self._measure_wall()
+        self._measure_line()
+        return self.line_length[None]
