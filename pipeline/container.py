@@ -17,19 +17,25 @@ def container_arrays(scene: "Scene") -> dict[str, np.ndarray]:
     """Arrays of ``initial.npz`` for a scene with a container: its blocks, or all of it where it has none."""
     whole = (np.zeros(scene.dimension), np.array(scene.container.size))
     blocks = [(block.lower, block.upper) for block in scene.blocks] or [whole]
-    return box_arrays(whole, blocks, scene.numerics.particle_spacing, scene.numerics.wall_layers)
+    balls = [index for index, block in enumerate(scene.blocks) if block.shape == "ball"]
+    return box_arrays(whole, blocks, scene.numerics.particle_spacing, scene.numerics.wall_layers, balls)
 
 
-def box_arrays(box: Corners, blocks: Sequence[Corners], spacing: float, layers: int) -> dict[str, np.ndarray]:
+def box_arrays(box: Corners, blocks: Sequence[Corners], spacing: float, layers: int,
+               balls: Sequence[int] = ()) -> dict[str, np.ndarray]:
     """Arrays of ``initial.npz`` for a box with blocks of liquid.
 
     Parameters
     ----------
     box, blocks : lower and upper corner (D,) each, m.
     spacing, layers : particle spacing in m, layers of wall particles.
+    balls : indices of the blocks of which only the ball that touches their sides holds liquid.
     """
     lower, upper = (np.asarray(corner, float) for corner in box)
     lattices = [block_lattice(*block, spacing) for block in blocks]
+    for index in balls:
+        position, each = lattices[index]
+        lattices[index] = position[in_ball(position, *blocks[index])], each
     volume = np.concatenate([np.full(len(position), each) for position, each in lattices])
     distance = distance_of_function(lambda points: distance_to_box(points, lower, upper), lower, upper, 0.5 * spacing,
                                     (layers + 2) * spacing)
@@ -48,6 +54,12 @@ def block_lattice(lower: Sequence[float], upper: Sequence[float], spacing: float
             for low, high, count in zip(lower, upper, counts, strict=True)]
     volume = float(np.prod(np.subtract(upper, lower) / counts))
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)), volume
+
+
+def in_ball(position: np.ndarray, lower: Sequence[float], upper: Sequence[float]) -> np.ndarray:
+    """Mask (n,) of the points (n, D) inside the ball or ellipsoid that touches the sides of a block."""
+    away = (2.0 * position - np.add(lower, upper)) / np.subtract(upper, lower)
+    return (away**2).sum(axis=1) < 1.0
 
 
 def whole_counts(lower: Sequence[float], upper: Sequence[float], spacing: float) -> np.ndarray:

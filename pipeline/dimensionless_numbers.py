@@ -70,14 +70,14 @@ class Scales:
     @functools.cached_property
     def filled_volume(self) -> float:
         """Volume of all liquids, m^3 (m^2)."""
-        return sum(math.prod(block.sides) for block in self.scene.blocks) or self.cavity_volume
+        return sum(block.volume for block in self.scene.blocks) or self.cavity_volume
 
     @functools.cached_property
     def length(self) -> float:
         """Characteristic length L, m."""
         volumes = {}
         for block in self.scene.blocks:
-            volumes[block.liquid] = volumes.get(block.liquid, 0.0) + math.prod(block.sides)
+            volumes[block.liquid] = volumes.get(block.liquid, 0.0) + block.volume
         return self._radius(min(volumes.values(), default=self.cavity_volume))
 
     @functools.cached_property
@@ -207,7 +207,7 @@ class Scales:
         present = (initial.fill or {}).get(injection.liquid, 0.0)
         for block in self.scene.blocks:
             if block.liquid == injection.liquid:
-                present += math.prod(block.sides) / self.cavity_volume
+                present += block.volume / self.cavity_volume
         return max(injection.fill - present, 0.0) * self.cavity_volume
 
     def bond_number(self, gravity: float, tension: float) -> float:

@@ -39,12 +39,20 @@ class Container:
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """A rectangular block of one liquid at the start."""
+    """A block of one liquid at the start: a rectangular one, or a round one that touches the sides of that."""
 
     liquid: str = parameter(liquid=True, meaning="liquid of the block")
     lower: tuple[float, ...] = parameter(unit="m", meaning="corner with the smallest coordinates; the container's is 0")
     upper: tuple[float, ...] = parameter(unit="m", meaning="corner with the largest coordinates")
     velocity: tuple[float, ...] = parameter((), unit="m/s", meaning="velocity at the start; at rest without it")
+    shape: str = parameter("box", choices=("box", "ball"),
+                           meaning="all between the corners, or the ball (in 2D the disc) that touches the sides")
+
+    @property
+    def volume(self) -> float:
+        """Volume, m3 (in two dimensions area, m2)."""
+        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}[self.shape]
+        return share * math.prod(self.sides)
 
     @property
     def sides(self) -> tuple[float, ...]:
@@ -147,7 +155,7 @@ def is_closed(container: Container | None, blocks: tuple[Block, ...]) -> bool:
     """Tell whether blocks that neither overlap nor reach outside fill a cavity; without blocks one liquid does."""
     if container is None or not blocks:
         return True
-    return math.isclose(sum(math.prod(block.sides) for block in blocks), math.prod(container.size), rel_tol=1e-9)
+    return math.isclose(sum(block.volume for block in blocks), math.prod(container.size), rel_tol=1e-9)
 
 
 # What a scene file may say: its name is that of the file, and the accuracy is chosen for a run, not for a scene.

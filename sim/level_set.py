@@ -26,9 +26,10 @@ class LevelSet:
     solver : the solver (positions, neighbor rows, walls, signed distance).
     color : particle field, 0 in the first liquid, 1 in the others, between in mixtures.
     contact_angle : radians, through the first liquid.
+    mixes : whether colors between 0 and 1 occur; then the contrast of the interface is measured as well.
     """
 
-    def __init__(self, solver, color, contact_angle: float):
+    def __init__(self, solver, color, contact_angle: float, mixes: bool = False):
         self.grid: SignedDistance = solver.distance
         self.dimension = solver.dimension
         self.spacing = solver.spacing
@@ -45,6 +46,12 @@ class LevelSet:
         self.band_count = ti.field(ti.i32, shape=())
         self.mixed = ti.field(ti.i32, shape=solver.particles.capacity)
         self.wall_color = ti.field(real(), shape=max(self.walls.count, 1))
+        self.mixes = mixes
+        if mixes:
+            # Square of the difference between the highest and the lowest color within a support radius.
+            self.particle_contrast = ti.field(real(), shape=solver.particles.capacity)
+            self.wall_contrast = ti.field(real(), shape=max(self.walls.count, 1))
+            self.contrast = ti.field(real(), shape=size)
         self.slope = ti.field(real(), shape=())  # mean |grad phi| on the interface
         self.slope[None] = 1.0
         self.started = ti.field(ti.i32, shape=())
@@ -111,6 +118,8 @@ class LevelSet:
                 low = ti.min(low, c)
                 high = ti.max(high, c)
             self.mixed[i] = ti.cast(high - low > 0.02, ti.i32)
+            if ti.static(self.mixes):
+                self.particle_contrast[i] = (high - low) ** 2
         for b in range(self.walls.count):
             low, high = 1.0, 0.0
             for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
@@ -122,6 +131,8 @@ class LevelSet:
                 phi = self.grid.interpolate(self.phi, self.walls.position[b])
                 c = ti.min(ti.max(0.5 + phi / self.spacing, 0.0), 1.0)
             self.wall_color[b] = c
+            if ti.static(self.mixes):
+                self.wall_contrast[b] = ti.max(high - low, 0.0) ** 2
 
     @ti.func
     def _nearest_node(self, x):
@@ -138,7 +149,7 @@ class LevelSet:
         return index
 
     @ti.func
-    def _splat_one(self, x, color):
+    def _splat_one(self, x, color, contrast):
         """Add one particle to the sums of the nodes within the splat radius."""
         radius = SPLAT_RADIUS * self.spacing
         center = self._nearest_node(x)
@@ -163,6 +174,8 @@ class LevelSet:
                     w = (s * s) * (s * s) * (4.0 * q + 1.0)
                     self.weight[base + k] += w
                     self.phi_next[base + k] += w * color
+                    if ti.static(self.mixes):
+                        self.contrast[base + k] += w * contrast
 
     @ti.kernel
     def _splat(self):
@@ -170,11 +183,16 @@ class LevelSet:
         for n in range(self.grid.size):
             self.weight[n] = 0.0
             self.phi_next[n] = 0.0
+            if ti.static(self.mixes):
+                self.contrast[n] = 0.0
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
         ti.loop_config(serialize=True)
         for i in range(self.count[None]):
             if self.mixed[i] == 1:
-                self._splat_one(self.position[i], self.color[i])
+                contrast = 1.0
+                if ti.static(self.mixes):
+                    contrast = self.particle_contrast[i]
+                self._splat_one(self.position[i], self.color[i], contrast)
             else:
                 far = FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0)
                 center = self._nearest_node(self.position[i])
@@ -183,7 +201,10 @@ class LevelSet:
         ti.loop_config(serialize=True)
         for b in range(self.walls.count):
             if self.wall_color[b] >= 0.0:
-                self._splat_one(self.walls.position[b], self.wall_color[b])
+                contrast = 1.0
+                if ti.static(self.mixes):
+                    contrast = self.wall_contrast[b]
+                self._splat_one(self.walls.position[b], self.wall_color[b], contrast)
 
     @ti.kernel
     def _find_band(self):
@@ -191,6 +212,8 @@ class LevelSet:
             if self.weight[n] > 0.0:
                 c = self.phi_next[n] / self.weight[n]
                 self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
+            if ti.static(self.mixes):
+                self.contrast[n] = ti.select(self.weight[n] > 0.0, self.contrast[n] / self.weight[n], 1.0)
             self.phi_next[n] = self.phi[n]
         ti.loop_config(serialize=True)
         for _ in range(1):

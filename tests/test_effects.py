@@ -522,6 +522,38 @@ def test_liquids_do_not_cohere_with_each_other(solver, name):
         assert np.abs(force[chosen].sum(axis=0)).max() < 1e-12 * np.abs(force[chosen]).sum()
 
 
+def pull(solver, name, contrast):
+    """Return the pull on the interface of a drop whose fraction of oil exceeds that around it by `contrast`."""
+    (position,) = cavities.read(solver, "position")
+    distance = np.linalg.norm(position, axis=1)
+    inside = distance < 0.55 * RADIUS
+    set_particles(solver, phase=inside, volume=np.full(len(position), solver.rest_volume))
+    oil = 0.5 + contrast * (inside - 0.5)
+    set_fraction(solver, oil)
+    effect = effect_of(solver, name)
+    if name == "interface_tension":
+        effect.prepare(1e-4)
+        return effect.mean_jump[None]   # sigma kappa, but for a percent of b.x
+    inward = -(pair_accelerations(solver, name) * position).sum(axis=1) / distance
+    rim = inside & (distance > 0.55 * RADIUS - SPACING)
+    return inward[rim].mean()
+
+
+@pytest.mark.parametrize("name", ["cohesion", "curvature", "interface_tension"])
+def test_tension_fades_as_the_liquids_mix(solver, name):
+    """With the square of the contrast: a quarter at half of it (10 % of the sharp pull: disorder), none without any.
+
+    The curvature force acts between unlike pairs too, and reaches the square at small contrasts only.
+    """
+    sharp, half, none = (pull(solver, name, contrast) for contrast in (1.0, 0.5, 0.0))
+    assert abs(sharp) > 0.0
+    if name == "curvature":
+        assert abs(half) < 0.4 * abs(sharp)
+    else:
+        assert half / sharp == pytest.approx(0.25, abs=0.1)
+    assert abs(none) < (0.1 if name != "interface_tension" else 1e-9) * abs(sharp)
+
+
 # Diffusion.
 
 COEFFICIENT = 1e-5

@@ -1,7 +1,8 @@
 """Cohesion: pairwise attraction within a liquid (Akinci et al. 2013; S1 Eq. 9).
 
-F_ij = -gamma K_ij m_i m_j C(r) e_ij with K_ij = 2/(Gamma_i + Gamma_j). The spline C attracts beyond r = 0.27 h and
-repels below; its 2D form has the same shape, scaled to the same integral over space.
+F_ij = -gamma K_ij m_i m_j C(r) e_ij with K_ij = 2/(Gamma_i + Gamma_j), within a liquid; in mixtures gamma becomes
+sum gamma_k alpha_k,i alpha_k,j, so that an interface that mixes loses its tension. The spline C attracts beyond
+r = 0.27 h and repels below; its 2D form has the same shape, scaled to the same integral over space.
 
 A tension in N/m becomes gamma = sigma / (k a rho^2 h^2). a is what the integral over pairs across a plane gives:
 sigma = (pi/8) n^2 int r^4 f dr in 3D and (1/3) n^2 int r^3 f dr in 2D, with f the force of a pair and n the number
@@ -15,6 +16,7 @@ import math
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.likeness import Likeness
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -58,6 +60,7 @@ class Cohesion(Effect):
         self.gamma = ti.field(real(), shape=len(solver.liquids))
         for k, gamma in enumerate(parameters.coefficients(solver.settings)):
             self.gamma[k] = gamma
+        self.likeness = Likeness(solver)
         self.support = solver.support_radius
         self.scale = {2: 12.83 / self.support**2, 3: 32.0 / (math.pi * self.support**3)}[solver.dimension]
 
@@ -71,7 +74,6 @@ class Cohesion(Effect):
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
         r = ti.max(x_ij.norm(), 1e-6 * self.support)
-        same = ti.select(self.particles.phase[i] == self.particles.phase[j], 1.0, 0.0)
         correction = 2.0 / (self.particles.compression_rate[i] + self.particles.compression_rate[j])
-        strength = self.gamma[self.particles.phase[i]] * same * correction * self.particles.mass[j]
+        strength = self.likeness.weighted(i, j, self.gamma) * correction * self.particles.mass[j]
         return (-strength * self.spline(r) / r) * x_ij

@@ -1,6 +1,7 @@
 """Curvature force: differences of normals shrink the surface of a liquid (Akinci et al. 2013; S1 Eq. 7).
 
-F_ij = -gamma K_ij m_ij (n_i - n_j) with n_i = h sum of V_j G_ij over the same liquid. The mean mass
+F_ij = -gamma K_ij m_ij s_ij (n_i - n_j) with n_i = h sum of V_j s_ij G_ij. s_ij is 1 within a liquid and 0 between two;
+in mixtures sum alpha_k,i alpha_k,j, so that normals and force fade as the liquids mix. The mean mass
 m_ij = 2 m_i m_j/(m_i + m_j) makes the pair force antisymmetric for unequal masses, which m_i of the paper does not.
 """
 import dataclasses
@@ -8,6 +9,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.likeness import Likeness
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -25,12 +27,13 @@ class Curvature(Effect):
 
     name = "curvature"
     Parameters = CurvatureParameters
-    fields = (Field("interface_normal", "vector", "1", "n_i = h sum of V_j grad W_ij over the same liquid"),)
+    fields = (Field("interface_normal", "vector", "1", "n_i = h sum of V_j s_ij grad W_ij"),)
     uses = ("mass", "phase", "compression_rate")
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
         self.gamma = parameters.gamma
+        self.likeness = Likeness(solver)
         self.support = solver.support_radius
         self.count, self.pairs = solver.count, solver.pairs
 
@@ -39,8 +42,7 @@ class Curvature(Effect):
         for i in range(self.count[None]):
             total = self.particles.interface_normal[i] * 0.0
             for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-                if self.particles.phase[self.pairs.index[k]] == self.particles.phase[i]:
-                    total += self.pairs.gradient[k]
+                total += self.likeness.of(i, self.pairs.index[k]) * self.pairs.gradient[k]
             self.particles.interface_normal[i] = self.support * total
 
     def prepare(self, dt: float) -> None:
@@ -49,8 +51,7 @@ class Curvature(Effect):
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
-        same = ti.select(self.particles.phase[i] == self.particles.phase[j], 1.0, 0.0)
         correction = 2.0 / (self.particles.compression_rate[i] + self.particles.compression_rate[j])
         share = 2.0 * self.particles.mass[j] / (self.particles.mass[i] + self.particles.mass[j])
-        return (-self.gamma * same * correction * share) * (
+        return (-self.gamma * self.likeness.of(i, j) * correction * share) * (
             self.particles.interface_normal[i] - self.particles.interface_normal[j])

@@ -8,6 +8,10 @@ function M_P = sigma kappa_P - b.x_P, extended smoothly off the interface,
 The first term on the right is a pressure: it is left out of the solve and added back on output. What remains,
 -H grad M, vanishes at equilibrium for any disordered particle set, so spurious currents decay. The effect adds
 -V_i H_i (grad M + b) to the buoyancy c b that `gravity` gives.
+
+Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
+and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
+level set's side elsewhere: a mixture off the interface keeps its buoyancy c b.
 """
 import dataclasses
 import math
@@ -58,7 +62,7 @@ class InterfaceTension(Effect):
         self.dimension, self.spacing, self.count = solver.dimension, solver.spacing, solver.count
         self.mixes = "volume_fraction" in solver.particles.arrays
         self.fractions = solver.particles.arrays.get("volume_fraction")
-        self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle))
+        self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle), self.mixes)
         self.grid = self.level_set.grid
         self.gravity = next((e for e in solver.effects if e.name == "gravity"), None)
         densities = [liquid.density for liquid in solver.liquids]
@@ -152,6 +156,9 @@ class InterfaceTension(Effect):
                         kappa = (1.0 - t) * self.level_set.curvature[n] + t * self.level_set.curvature[m]
                         if total < self.capacity:
                             a = ti.abs(g[d]) / length * self.grid.cell ** (self.dimension - 1)
+                            if ti.static(self.mixes):
+                                near, far = self.level_set.contrast[n], self.level_set.contrast[m]
+                                kappa *= near + t * (far - near)  # exactly 1 at a sharp interface
                             value = self.coefficient * kappa - self.body_force[None].dot(x)
                             self.point[total] = x
                             self.point_area[total] = a
@@ -215,7 +222,10 @@ class InterfaceTension(Effect):
         for i in range(self.count[None]):
             x = self.particles.position[i]
             h = self.particles.color[i]
-            if self.level_set.mixed[i] == 1:
+            unsure = self.level_set.mixed[i] == 1
+            if ti.static(self.mixes):
+                unsure = True
+            if unsure:
                 phi = self.grid.interpolate(self.level_set.phi, x)
                 if ti.abs(phi) > self.spacing:
                     h = ti.select(phi > 0.0, 1.0, 0.0)  # a label that the level set cannot see gets gravity only

@@ -1,0 +1,148 @@
+"""S1 Fig. 6: a drop of ink falls into water, with three diffusion coefficients.
+
+The paper shows pictures. Here how far the liquids are mixed has numbers: the variance of the volume fraction alpha of
+ink over the volume of all liquid, over that of unmixed liquids m (1 - m), with m the mean of alpha (1: unmixed, 0: the
+same everywhere); and the entropy of mixing, the mean of -sum alpha ln alpha over that of the mean (0: unmixed, 1: the
+same everywhere). Both count what is mixed within particles; stirring alone, as with D_m = 0, changes neither.
+"""
+import dataclasses
+import io
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.frames import find_frames, read_frame
+from pipeline.mixing_metrics import entropy
+from pipeline.scene import Scene, load_resolved
+from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
+from sim.parameters import parameter
+
+FIGURES = (
+    Figure("ink_drop_variance", "Variance of the volume fraction of ink", "time / s", "variance / unmixed"),
+    Figure("ink_drop_entropy", "Entropy of mixing", "time / s", "entropy / evenly mixed"),
+)
+PICTURES = ("ink_drop_pictures",)
+LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
+OUTPUTS = Path("outputs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """The scenes to compare: the same but for the diffusion coefficient, which grows."""
+
+    scenes: tuple[str, ...] = parameter(meaning="names of the scenes, by rising diffusion coefficient")
+    ink: str = parameter(meaning="name of the liquid of the drop")
+    pictures: int = parameter(4, minimum=1, maximum=8, meaning="times at which the scenes are drawn side by side")
+
+
+def scenes(parameters: Parameters) -> tuple[str, ...]:
+    """Names of the scenes whose results are read."""
+    return parameters.scenes
+
+
+@dataclasses.dataclass(frozen=True)
+class Mixture:
+    """How far one scene is mixed, frame by frame: time, s; variance and entropy as above."""
+
+    scene: Scene
+    paths: list[Path]
+    time: np.ndarray
+    variance: np.ndarray
+    entropy: np.ndarray
+    volume_change: float
+
+    @property
+    def coefficient(self) -> float:
+        """D_m, m^2/s."""
+        diffusion = self.scene.effects.get("diffusion")
+        return diffusion.coefficient if diffusion else 0.0
+
+
+def run(parameters: Parameters) -> Outcome:
+    """Measure the mixing of every scene, and whether a larger coefficient mixes faster."""
+    mixtures = [_load(name, parameters.ink) for name in parameters.scenes]
+    outcome = Outcome(pictures={PICTURES[0]: _rows_of_pictures(mixtures, parameters.pictures)})
+    for mixture in mixtures:
+        at, label = {"at": mixture.scene.name}, f"D_m = {mixture.coefficient:g} m²/s"
+        outcome.rows += [
+            Row("variance of the volume fraction at the end / unmixed", mixture.variance[-1], **at),
+            Row("entropy of mixing at the end / evenly mixed", mixture.entropy[-1], **at),
+            bounded("largest change of the volume of ink / start", mixture.volume_change, 1e-4, **at)]
+        outcome.curves += [Curve("ink_drop_variance", label, mixture.time, mixture.variance, "line"),
+                           Curve("ink_drop_entropy", label, mixture.time, mixture.entropy, "line")]
+    for slower, faster in itertools.pairwise(mixtures):
+        outcome.rows.append(_order(slower, faster))
+        outcome.remarks.append(
+            f"With D_m = {faster.coefficient:g} the variance ends at {faster.variance[-1]:.3f} and the entropy at "
+            f"{faster.entropy[-1]:.3f}, with {slower.coefficient:g} at {slower.variance[-1]:.3f} and "
+            f"{slower.entropy[-1]:.3f}.")
+    return outcome
+
+
+def _order(slower: Mixture, faster: Mixture) -> Row:
+    """Share of the frames, from when the drop has met the water, in which the larger coefficient is ahead in both."""
+    late = slower.time >= LATE * slower.time[-1]
+    ahead = (faster.variance < slower.variance) & (faster.entropy > slower.entropy)
+    share = float(ahead[late].mean())
+    return Row("claim: a larger D_m mixes faster (share of the frames in which it is ahead)", share, reference=1.0,
+               error=1.0 - share, tolerance=0.0, at=f"{faster.scene.name} and {slower.scene.name}")
+
+
+def mixing(fraction: np.ndarray, volume: np.ndarray) -> tuple[float, float]:
+    """Variance and entropy, as above, of fractions (n,) of one of two liquids in particles of volumes (n,)."""
+    share = volume / volume.sum()
+    mean = share @ fraction
+    both = np.stack([fraction, 1.0 - fraction], axis=-1)
+    return (float(share @ (fraction - mean) ** 2 / (mean * (1.0 - mean))),
+            float(share @ entropy(both) / entropy(np.array([mean, 1.0 - mean]))))
+
+
+def _load(name: str, ink: str) -> Mixture:
+    folder = OUTPUTS / name
+    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
+    times, measured, volumes = [], [], []
+    for path in paths:
+        frame = read_frame(path)
+        which = list(frame.liquids).index(ink)
+        fraction, volume = frame.volume_fraction[:, which].astype(float), frame.volume.astype(float)
+        times.append(frame.time)
+        measured.append(mixing(fraction, volume))
+        volumes.append(volume @ fraction)
+    variance, mixed = np.array(measured).T
+    change = float(np.abs(np.array(volumes) / volumes[0] - 1.0).max())
+    return Mixture(load_resolved(folder / "scene.json"), paths, np.array(times), variance, mixed, change)
+
+
+def _rows_of_pictures(mixtures: list[Mixture], count: int) -> bytes:
+    """A row for every scene, at the same times from left to right, as PNG; colors mix as the fractions do."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import to_rgb
+    from matplotlib.figure import Figure as Canvas
+
+    last = min(len(mixture.paths) for mixture in mixtures) - 1
+    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
+    width, height = mixtures[0].scene.container.size[:2]
+    panel = 3.2
+    canvas = Canvas(figsize=(panel * len(indices) + 0.4, (panel * height / width + 0.1) * len(mixtures) + 0.4),
+                    layout="constrained")
+    grid = FigureCanvasAgg(canvas).figure.subplots(len(mixtures), len(indices), squeeze=False)
+    for row, mixture in zip(grid, mixtures, strict=True):
+        colors = np.array([to_rgb(liquid.color) for liquid in mixture.scene.liquids])
+        for axes, index in zip(row, indices, strict=True):
+            frame = read_frame(mixture.paths[index])
+            diameter = 1.15 * frame.volume.astype(float) ** (1.0 / frame.dimension)  # no gaps between particles
+            axes.add_collection(EllipseCollection(
+                diameter, diameter, 0.0, units="xy", offsets=frame.position[:, :2], lw=0.0,
+                facecolors=np.clip(frame.volume_fraction.astype(float) @ colors, 0.0, 1.0),
+                offset_transform=axes.transData))
+            axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal", xticks=[], yticks=[])
+            axes.text(0.98, 0.97, f"variance {mixture.variance[index]:.2f}, entropy {mixture.entropy[index]:.2f}",
+                      transform=axes.transAxes, ha="right", va="top", fontsize=9)
+            if axes in grid[0]:
+                axes.set_title(f"{frame.time:.2f} s", fontsize=11)
+        row[0].set_ylabel(f"D_m = {mixture.coefficient:g} m²/s", fontsize=11)
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=110, format="png")
+    return buffer.getvalue()
