@@ -11,6 +11,7 @@ from pipeline.dimensionless_numbers import EARTH_GRAVITY, Scales, shown
 from pipeline.time_step_limits import Limit
 from sim.effects import REGISTRY
 from sim.effects.contact_line_emulsification import shear_per_distance, volume_per_shear
+from sim.effects.drift import rise_speed
 
 # In particle spacings: what moves, spreads or acts over less than one is lost between neighboring particles.
 SEEN = 1.0
@@ -26,11 +27,13 @@ VISCOSITY_RATIO = 10.0
 IMPLICIT_STEP_COST = 2.0
 # Silicone oil in water (40 mN/m); water and other oils have 20 to 50.
 TYPICAL_TENSION = 0.04
+# At Re 1 the drag is 19 % above that of Stokes (Oseen: 3/16 Re), and beyond droplets are far slower.
+STOKES_REYNOLDS = 1.0
 # The inertial forces of a turn, which the solver leaves out, over the buoyancy, which it has.
 INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
-           "diffusion", "injection", "contact_line_emulsification"}
+           "drift", "diffusion", "injection", "contact_line_emulsification"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 
@@ -70,7 +73,8 @@ def _is_seen(reach: float, scales: Scales) -> bool:
 @_rule
 def _strength(scales: Scales, limits: list[Limit]) -> Found:
     for effect, key, unit in (("gravity", "magnitude", "m/s2"), ("interface_tension", "coefficient", "N/m"),
-                              ("diffusion", "coefficient", "m2/s"), ("cohesion", "gamma", "N m3/kg2"),
+                              ("drift", "coefficient", "(a pure number)"), ("diffusion", "coefficient", "m2/s"),
+                              ("cohesion", "gamma", "N m3/kg2"),
                               ("cohesion", "tension", "N/m"), ("curvature", "gamma", "m/s2"),
                               ("adhesion", "beta", "N m3/kg2")):
         parameters = scales.scene.effects.get(effect)
@@ -81,7 +85,7 @@ def _strength(scales: Scales, limits: list[Limit]) -> Found:
 
 @_rule
 def _two_liquids(scales: Scales, limits: list[Limit]) -> Found:
-    for effect in ("interface_tension", "diffusion"):
+    for effect in ("interface_tension", "drift", "diffusion"):
         if effect in scales.scene.effects and len(scales.liquids) == 1:
             yield Advice(WARNING, effect, "cannot be seen: it acts between 2 liquids, but 1 is ever in the cavity, "
                                           f"{scales.liquids[0].name}")
@@ -156,7 +160,7 @@ def _wetting(scales: Scales, rim: float) -> Advice:
 @_rule
 def _missing_tension(scales: Scales, limits: list[Limit]) -> Found:
     effects = scales.scene.effects
-    if "interface_tension" in effects or "diffusion" in effects or len(scales.scene.liquids) != 2:
+    if effects.keys() & {"interface_tension", "drift", "diffusion"} or len(scales.scene.liquids) != 2:
         return  # mixing liquids have no tension, and the effect knows one interface
     if len(scales.liquids) != 2 or not scales.scene.closed:
         return
@@ -256,6 +260,33 @@ def _diffusion(scales: Scales, limits: list[Limit]) -> Found:
     yield Advice(SEEN_EFFECT if seen else WARNING, "diffusion",
                  f"{'' if seen else 'cannot be seen: '}within the {shown(scales.duration, 's')} of the scene the "
                  f"liquids mix over {_times(spread, scales)}{whole}")
+
+
+@_rule
+def _drift(scales: Scales, limits: list[Limit]) -> Found:
+    drift = scales.scene.effects.get("drift")
+    if not drift or not drift.coefficient or len(scales.liquids) == 1:
+        return
+    ways = [(abs(rise_speed(droplet, around, drift.droplet_diameter, scales.gravity)), droplet, around)
+            for droplet in scales.liquids for around in scales.liquids
+            if droplet is not around and drift.dispersed in (None, droplet.name)
+            and drift.continuous in (None, around.name) and droplet.name != drift.continuous]
+    speed, droplet, around = max(ways, key=lambda way: way[0], default=(0.0, None, None))
+    if speed == 0.0:
+        yield Advice(WARNING, "drift", "cannot be seen: no weight moves droplets, which need gravity and liquids of "
+                                       "different densities")
+        return
+    reach = min(drift.coefficient * speed * scales.duration, scales.width)
+    seen = _is_seen(reach, scales)
+    yield Advice(SEEN_EFFECT if seen else WARNING, "drift",
+                 f"{'' if seen else 'cannot be seen: '}single droplets of {droplet.name} move through {around.name} at "
+                 f"{shown(speed, 'm/s')}, within the {shown(scales.duration, 's')} of the scene by "
+                 f"{_times(reach, scales)}")
+    reynolds = around.density * speed * drift.droplet_diameter / around.dynamic_viscosity
+    if reynolds > STOKES_REYNOLDS:
+        yield Advice(WARNING, "drift", f"is too fast: droplets of {droplet.name} in {around.name} have a Reynolds "
+                                       f"number of {reynolds:.3g}, but the drag of Stokes holds below "
+                                       f"{STOKES_REYNOLDS:g}")
 
 
 @_rule

@@ -218,6 +218,14 @@ THIN = "liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 1 mPa s}}\
     (f"effects: {{{GRAVITY}, {TENSION}, viscosity: {{}}}}\noutput: {{duration: 0.1 s}}",
      {"gravity": "cannot be seen: within the scene it moves liquid by 1.71 mm",
       "interface_tension": "cannot be seen: within the scene it moves the interface by"}),
+    # Single droplets of 1 mm of oil rise in water at 27 mm/s by Stokes and Hadamard and Rybczynski, with Re 39.
+    (f"effects: {{{GRAVITY}, viscosity: {{}}, drift: {{droplet_diameter: 1 mm}}}}",
+     {"drift": "is too fast: droplets of silicone_oil_1000 in aqueous have a Reynolds number of 39"}),
+    # Of 0.1 mm at 0.27 mm/s: 0.5 mm in 2 s, a tenth of a spacing.
+    (f"effects: {{{GRAVITY}, viscosity: {{}}, drift: {{droplet_diameter: 0.1 mm}}}}",
+     {"drift": "cannot be seen: single droplets of silicone_oil_1000 move through aqueous"}),
+    (f"effects: {{{GRAVITY}, viscosity: {{}}, drift: {{droplet_diameter: 0.1 mm, coefficient: 0}}}}",
+     {"drift": "does nothing: its coefficient is 0"}),
     # sqrt(2 D t) is 2 mm after 2 s with 1e-6 m2/s, and 6.3 mm with 1e-5.
     (f"effects: {{{GRAVITY}, viscosity: {{}}, diffusion: {{coefficient: 1e-6}}}}",
      {"diffusion": "cannot be seen: within the 2 s of the scene the liquids mix over 2 mm (0.4 particle spacings"}),

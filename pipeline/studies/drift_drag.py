@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.studies.diffusion import set_fractions
 from pipeline.study_model import Curve, Figure, Outcome, compared
 from pipeline.study_tank import TankParameters, build, cavity, field
+from sim.effects.drift import response_time
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -37,7 +38,7 @@ def run(case: Parameters) -> Outcome:
     """Compare the slip of both liquids with the exact one after one and after ten steps of every length."""
     outcome = Outcome()
     solver = _mixture(case, "dynamic")
-    times = [response_time(k) for k in range(2)]
+    times = [time_of(k) for k in range(2)]
     curve = [[], []]
     for ratio in case.steps_over_tau:
         begin = time.perf_counter()
@@ -68,11 +69,9 @@ def run(case: Parameters) -> Outcome:
     return outcome
 
 
-def response_time(k: int) -> float:
+def time_of(k: int) -> float:
     """tau_k of droplets in the other liquid, s."""
-    own, around = LIQUIDS[k], LIQUIDS[1 - k]
-    ratio = own.dynamic_viscosity / around.dynamic_viscosity
-    return own.density * DIAMETER**2 / (18.0 * around.dynamic_viscosity) * 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)
+    return response_time(LIQUIDS[k], LIQUIDS[1 - k], DIAMETER)
 
 
 def acceleration(k: int) -> float:
@@ -83,7 +82,7 @@ def acceleration(k: int) -> float:
 
 def equilibrium(k: int) -> float:
     """u_k in local equilibrium, upwards, m/s."""
-    return response_time(k) * acceleration(k)
+    return time_of(k) * acceleration(k)
 
 
 def velocity(solver, k: int) -> float:

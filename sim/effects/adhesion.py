@@ -12,6 +12,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.likeness import Likeness
 from sim.parameters import parameter
 
 
@@ -37,6 +38,7 @@ class Adhesion(Effect):
         self.unused_hooks = ("wall_acceleration",) if parameters.beta == 0.0 else ()
         names = [liquid.name for liquid in solver.liquids]
         self.liquid = -1 if parameters.liquid is None else names.index(parameters.liquid)
+        self.likeness = Likeness(solver)
         self.support, self.walls = solver.support_radius, solver.walls
         self.scale = {2: 0.01083 / self.support**2, 3: 0.007 / self.support**3}[solver.dimension]
 
@@ -53,5 +55,5 @@ class Adhesion(Effect):
         density = self.particles.mass[i] / self.particles.volume[i]
         share = 1.0
         if ti.static(self.liquid >= 0):
-            share = ti.select(self.particles.phase[i] == self.liquid, 1.0, 0.0)
+            share = self.likeness.share(i, self.liquid)
         return (-self.beta * share * density * self.walls.volume[b] * self.spline(r) / r) * x_ib

@@ -27,6 +27,7 @@ from sim.effects.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real
+from sim.settings import Liquid
 
 TRACE = 1e-9  # share of every liquid in the surroundings of a droplet, so that pure liquid has surroundings too
 
@@ -46,6 +47,17 @@ class DriftParameters:
     dispersed: str | None = parameter(None, liquid=True, meaning="the one liquid that forms droplets; all by default")
     continuous: str | None = parameter(None, liquid=True,
                                        meaning="the one liquid that droplets move through; all others by default")
+
+
+def response_time(droplet: Liquid, around: Liquid, diameter: float) -> float:
+    """tau_k of a single droplet of one liquid in another, s."""
+    ratio = droplet.dynamic_viscosity / around.dynamic_viscosity
+    return droplet.density * diameter**2 / (18.0 * around.dynamic_viscosity) * 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)
+
+
+def rise_speed(droplet: Liquid, around: Liquid, diameter: float, gravity: float) -> float:
+    """Speed at which a single droplet rises through a liquid at rest, m/s; below zero it sinks."""
+    return response_time(droplet, around, diameter) * (around.density / droplet.density - 1.0) * gravity
 
 
 @ti.data_oriented

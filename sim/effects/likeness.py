@@ -33,3 +33,11 @@ class Likeness:
             for k in ti.static(range(self.number)):
                 total += strength[k] * self.fractions[i][k] * self.fractions[j][k]
         return total
+
+    @ti.func
+    def share(self, i, liquid: ti.template()):
+        """Share of a liquid in particle i."""
+        held = ti.select(self.phase[i] == liquid, 1.0, 0.0)
+        if ti.static(self.mixes):
+            held = self.fractions[i][liquid]
+        return held
