@@ -91,8 +91,8 @@ class Renderer:
                subtitle=self._fill(frame), label=self.scene.label)
         bar, center = 0.2 * width, self.split / 2
         if self.droplets is not None:
-            bar, center = 0.13 * width, 0.27 * self.split
-            middle = 0.76 * self.split
+            bar, center = 0.12 * width, 0.30 * self.split
+            middle = 0.78 * self.split
             color_bar(draw, (middle - 0.75 * bar, height - 6.6 * u, middle + 0.75 * bar, height - 4.2 * u),
                       DROPLET_COLORS, "oil in droplets, parts per million", ("", ""), 2.5 * u, DROPLET_TICKS)
         color_bar(draw, (center - bar / 2, height - 6.6 * u, center + bar / 2, height - 4.2 * u), COLORS,

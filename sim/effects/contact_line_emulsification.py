@@ -25,7 +25,11 @@ aqueous, each particle's volume, mass and momentum are conserved, and the fracti
 with the weight b of the layer at the wall, 1/m, whose integral over the depth is 1. Along a straight line in the wall
 the sum of |W'| over the pairs across it is 1/C per length: with the distance s along the wall and the mean over the
 depths of both particles, 1/C = 2 int <|W'|> s^2 ds (the 2 is the mean |cos| of 2/pi times pi), and int <|W'|> s ds in
-two dimensions, where the line is a point and its length 1.
+two dimensions, where the line is a point and its length 1. That is for an interface upright on the wall; one that meets
+the wall at a small angle runs on in the layer, and its line counts up to 1/sin(angle) times.
+
+What is left out: droplets do not merge, are all of one size, and are not stirred by the saccades; nothing but the
+efficiency stands for proteins, remnants of other liquids and impurities of the oil.
 """
 import dataclasses
 import math
@@ -59,8 +63,8 @@ class ContactLineEmulsificationParameters:
     reference_viscosity: float = parameter(1.0, unit="Pa*s", exclusive_minimum=0.0, maximum=100.0,
                                            meaning="viscosity of the oil for which the efficiency holds")
     efficiency: float = parameter(0.1, minimum=0.0, maximum=1e6,
-                                  meaning="cross-section torn off per saccade over d^2 Ca mu_ref/mu_oil (A: see the "
-                                          "scene emulsification_contact_line)")
+                                  meaning="cross-section torn off per saccade over d^2 Ca mu_ref/mu_oil (A: gives "
+                                          "the droplets of wash-outs in the scene emulsification_contact_line)")
     saccade_rate: float = parameter(2.0, unit="1/s", minimum=0.0, maximum=100.0,
                                     meaning="saccades per time, the night included (A: 3 per second for 16 of 24 h)")
     saccade_amplitude: float = parameter(10.0, unit="deg", minimum=0.0, maximum=60.0, meaning="turn in one saccade")
