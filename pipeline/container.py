@@ -1,46 +1,104 @@
-"""A rectangular cavity: its wall particles, its signed distance, and the lattices of the blocks of liquid in it."""
+"""A rectangular cavity: its wall particles, its signed distance, and the lattices of the blocks of liquid in it.
+
+Funnels are solid parts of its inside: wall particles on the same lattice, and part of the signed distance.
+"""
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.blocks import contains
+from pipeline.errors import UserError
 from pipeline.initial import initial_arrays
 from pipeline.signed_distance import SignedDistance, distance_of_function
 
 if TYPE_CHECKING:
-    from pipeline.scene_model import Scene
+    from pipeline.scene_model import Block, Funnel, Scene
 
 Corners = tuple[Sequence[float], Sequence[float]]
 
 
 def container_arrays(scene: "Scene") -> dict[str, np.ndarray]:
-    """Arrays of ``initial.npz`` for a scene with a container: its blocks, or all of it where it has none."""
+    """Arrays of ``initial.npz`` for a scene with a container: its blocks, or all of it where it has none.
+
+    Raises
+    ------
+    UserError : a block reaches into a funnel.
+    """
     whole = (np.zeros(scene.dimension), np.array(scene.container.size))
-    blocks = [(block.lower, block.upper) for block in scene.blocks] or [whole]
-    balls = [index for index, block in enumerate(scene.blocks) if block.shape == "ball"]
-    return box_arrays(whole, blocks, scene.numerics.particle_spacing, scene.numerics.wall_layers, balls)
+    spacing, layers = scene.numerics.particle_spacing, scene.numerics.wall_layers
+    lattices = block_lattices(scene.blocks, spacing) if scene.blocks else [block_lattice(*whole, spacing)]
+    funnels = scene.container.funnels
+    for index, (points, _) in enumerate(lattices):
+        if funnels and (distance_to_funnels(points, funnels) < 0.0).any():
+            raise UserError(f"{scene.name}: blocks[{index}] reaches into a funnel, but only one of them can be there")
+    return lattice_arrays(whole, lattices, spacing, layers, funnels)
 
 
-def box_arrays(box: Corners, blocks: Sequence[Corners], spacing: float, layers: int,
-               balls: Sequence[int] = ()) -> dict[str, np.ndarray]:
-    """Arrays of ``initial.npz`` for a box with blocks of liquid.
+def block_lattices(blocks: Sequence["Block"], spacing: float) -> list[tuple[np.ndarray, float]]:
+    """Lattices of blocks, and the volumes of their particles; what a later block replaces is left out."""
+    lattices = []
+    for index, block in enumerate(blocks):
+        points, volume = block_lattice(block.lower, block.upper, spacing)
+        keep = contains(block, points)
+        for later in blocks[index + 1:]:
+            keep &= ~contains(later, points)
+        lattices.append((points[keep], volume))
+    return lattices
+
+
+def box_arrays(box: Corners, blocks: Sequence[Corners], spacing: float, layers: int) -> dict[str, np.ndarray]:
+    """Arrays of ``initial.npz`` for a box with rectangular blocks of liquid.
 
     Parameters
     ----------
     box, blocks : lower and upper corner (D,) each, m.
     spacing, layers : particle spacing in m, layers of wall particles.
-    balls : indices of the blocks of which only the ball that touches their sides holds liquid.
     """
+    return lattice_arrays(box, [block_lattice(*block, spacing) for block in blocks], spacing, layers)
+
+
+def lattice_arrays(box: Corners, lattices: Sequence[tuple[np.ndarray, float]], spacing: float, layers: int,
+                   funnels: Sequence["Funnel"] = ()) -> dict[str, np.ndarray]:
+    """Arrays of ``initial.npz`` for a box, funnels in it, and lattices of liquid with the volume of their particles."""
     lower, upper = (np.asarray(corner, float) for corner in box)
-    lattices = [block_lattice(*block, spacing) for block in blocks]
-    for index in balls:
-        position, each = lattices[index]
-        lattices[index] = position[in_ball(position, *blocks[index])], each
     volume = np.concatenate([np.full(len(position), each) for position, each in lattices])
-    distance = distance_of_function(lambda points: distance_to_box(points, lower, upper), lower, upper, 0.5 * spacing,
-                                    (layers + 2) * spacing)
+    distance = distance_of_function(lambda points: distance_to_cavity(points, lower, upper, funnels), lower, upper,
+                                    0.5 * spacing, (layers + 2) * spacing)
     position, walls = np.concatenate([points for points, _ in lattices]), box_walls(lower, upper, spacing, layers)
-    return initial_arrays(position, walls, distance, float(np.prod(upper - lower)), spacing, volume)
+    cavity = float(np.prod(upper - lower))
+    if funnels:
+        points, each = block_lattice(lower, upper, spacing)
+        depth = -distance_to_funnels(points, funnels)
+        solid = depth > 0.0
+        added = {"wall_position": points[solid], "wall_volume": np.full(solid.sum(), each),
+                 "wall_distance": depth[solid]}
+        walls = {name: np.concatenate([values, added[name]]) for name, values in walls.items()}
+        cavity -= each * solid.sum()
+    return initial_arrays(position, walls, distance, cavity, spacing, volume)
+
+
+def distance_to_cavity(points: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+                       funnels: Sequence["Funnel"]) -> np.ndarray:
+    """Signed distance (...) of points (..., D) to the walls of a box and of funnels in it in m, negative in the liquid.
+    """
+    distance = distance_to_box(points, lower, upper)
+    return np.maximum(distance, -distance_to_funnels(points, funnels)) if funnels else distance
+
+
+def distance_to_funnels(points: np.ndarray, funnels: Sequence["Funnel"]) -> np.ndarray:
+    """Signed distance (...) of points (..., D) to the walls of funnels in m, negative in the wall."""
+    return np.min([_distance_to_funnel(points, funnel) for funnel in funnels], axis=0)
+
+
+def _distance_to_funnel(points: np.ndarray, funnel: "Funnel") -> np.ndarray:
+    """Distance to the line of its middle in the half plane of radius and height, less half the thickness."""
+    apart = points - np.asarray(funnel.center)
+    place = np.stack([np.linalg.norm(np.delete(apart, 1, axis=-1), axis=-1), apart[..., 1]], axis=-1)
+    start = np.array([funnel.lower_radius, 0.0])
+    along = np.array([funnel.upper_radius, funnel.height]) - start
+    share = np.clip((place - start) @ along / (along @ along), 0.0, 1.0)
+    return np.linalg.norm(place - start - share[..., None] * along, axis=-1) - 0.5 * funnel.thickness
 
 
 def block_lattice(lower: Sequence[float], upper: Sequence[float], spacing: float) -> tuple[np.ndarray, float]:
@@ -54,12 +112,6 @@ def block_lattice(lower: Sequence[float], upper: Sequence[float], spacing: float
             for low, high, count in zip(lower, upper, counts, strict=True)]
     volume = float(np.prod(np.subtract(upper, lower) / counts))
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)), volume
-
-
-def in_ball(position: np.ndarray, lower: Sequence[float], upper: Sequence[float]) -> np.ndarray:
-    """Mask (n,) of the points (n, D) inside the ball or ellipsoid that touches the sides of a block."""
-    away = (2.0 * position - np.add(lower, upper)) / np.subtract(upper, lower)
-    return (away**2).sum(axis=1) < 1.0
 
 
 def whole_counts(lower: Sequence[float], upper: Sequence[float], spacing: float) -> np.ndarray:

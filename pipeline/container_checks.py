@@ -17,6 +17,7 @@ Found = Iterator[tuple[Key, str]]
 
 MOST_PARTICLES = 5e7  # the fields of so many fill about 20 GB
 FEWEST_SPACINGS = 4  # per side of a container: below, every particle touches both walls
+FUNNEL_SPACINGS = 2.0  # thickness of the wall of a funnel
 ROUNDING = 1e-9  # of lengths, relative to the container
 
 
@@ -92,6 +93,8 @@ def blocks_have_room_for_particles(blocks: tuple[Block, ...], numerics: Numerics
 
 def blocks_do_not_overlap(blocks: tuple[Block, ...], dimension: int) -> Found:
     for (first, one), (second, other) in itertools.combinations(enumerate(blocks), 2):
+        if other.replaces:
+            continue
         corners = (one.lower, one.upper, other.lower, other.upper)
         if any(len(corner) != dimension for corner in corners):
             continue
@@ -100,6 +103,26 @@ def blocks_do_not_overlap(blocks: tuple[Block, ...], dimension: int) -> Found:
         if min(common) > ROUNDING * max(map(abs, (*one.upper, *other.upper))):
             size = " x ".join(f"{side:g}" for side in common)
             yield ("blocks", second), f"overlaps blocks[{first}] by {size} m, but a place can hold one liquid only"
+
+
+def blocks_have_the_dimension(blocks: tuple[Block, ...], dimension: int) -> Found:
+    for index, block in enumerate(blocks):
+        if dimension == 2 and block.shape.startswith("cylinder"):
+            yield ("blocks", index, "shape"), f"is {block.shape}, but a scene in two dimensions has no cylinders"
+    if blocks and blocks[0].replaces:
+        yield ("blocks", 0, "replaces"), "is true, but no block comes before it"
+
+
+def funnels_are_in_the_container(container: Container | None, numerics: Numerics, dimension: int) -> Found:
+    for index, funnel in enumerate(container.funnels if container else ()):
+        key = ("container", "funnels", index)
+        least = FUNNEL_SPACINGS * numerics.particle_spacing
+        if len(funnel.center) != dimension:
+            yield (*key, "center"), f"has {len(funnel.center)} entries, but must have {dimension}"
+        elif funnel.thickness < least * (1.0 - ROUNDING):
+            yield ((*key, "thickness"),
+                   f"is {funnel.thickness:g} m, but must be at least {least:g} m, {FUNNEL_SPACINGS:g} particle "
+                   "spacings, or liquids would feel each other through it")
 
 
 def gravity_lies_in_the_plane(effects: dict, dimension: int) -> Found:
@@ -202,7 +225,8 @@ def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
 
 CHECKS = (
     one_cavity, eye_is_in_space, container_has_the_dimension, container_holds_particles, container_has_liquid,
-    blocks_are_in_the_container, blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
+    funnels_are_in_the_container, blocks_have_the_dimension, blocks_are_in_the_container,
+    blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
     lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, tension_needs_a_full_cavity, scheme_can_solve_the_density_ratio,
     fixed_time_step_is_stable, fixed_time_step_is_large_enough,

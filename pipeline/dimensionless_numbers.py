@@ -70,7 +70,7 @@ class Scales:
     @functools.cached_property
     def filled_volume(self) -> float:
         """Volume of all liquids, m^3 (m^2)."""
-        return sum(block.volume for block in self.scene.blocks) or self.cavity_volume
+        return sum(block.volume for block in self.scene.blocks if not block.replaces) or self.cavity_volume
 
     @functools.cached_property
     def length(self) -> float:

@@ -31,6 +31,7 @@ CONFLICTS = (
     ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),
     ("drift", "collision", "one mixes the liquids, the other keeps them apart"),
     ("interface_tension", "adhesion", "its contact angle says how the wall is wetted"),
+    ("injection", "viscoelastic", "particles that split or merge would not keep their stress"),
     ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
     ("injection", "contact_line_emulsification",
      "the fill is counted in unmixed particles, so let another scene start from the end"),
@@ -165,6 +166,16 @@ def _drift_has_drag_and_a_way(effects: dict, liquids: tuple[Material, ...]) -> F
     if drift and drift.dispersed is not None and drift.dispersed == drift.continuous:
         yield (("effects", "drift", "continuous"),
                f"is {drift.continuous}, the liquid of the droplets, but must be another one")
+
+
+@_check
+def _elastic_liquids_are_named_once(effects: dict) -> Found:
+    elastic = [one.liquid for one in effects["viscoelastic"].liquids] if "viscoelastic" in effects else []
+    for index, liquid in enumerate(elastic):
+        if liquid in elastic[:index]:
+            yield ("effects", "viscoelastic", "liquids", index), f"describes {liquid} again; remove one of the two"
+    if "viscoelastic" in effects and not elastic:
+        yield ("effects", "viscoelastic", "liquids"), "is empty, but must name one liquid at least"
 
 
 @_check

@@ -9,6 +9,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
 
 LENSES = ("phakic", "pseudophakic", "aphakic")
+SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
@@ -30,29 +31,43 @@ class Eye:
 
 
 @dataclasses.dataclass(frozen=True)
+class Funnel:
+    """A solid funnel with an upright axis, a cone without ends, in a container."""
+
+    center: tuple[float, ...] = parameter(unit="m", meaning="center of the lower opening")
+    lower_radius: float = parameter(unit="m", exclusive_minimum=0.0, meaning="radius of the lower opening, mid-wall")
+    upper_radius: float = parameter(unit="m", exclusive_minimum=0.0, meaning="radius of the upper opening, mid-wall")
+    height: float = parameter(unit="m", exclusive_minimum=0.0, meaning="height from the lower to the upper opening")
+    thickness: float = parameter(unit="m", exclusive_minimum=0.0, meaning="thickness of its wall, rounded at the rims")
+
+
+@dataclasses.dataclass(frozen=True)
 class Container:
     """The cavity: a rectangular box with closed walls, its lower corner at the origin; y is up."""
 
     size: tuple[float, ...] = parameter(unit="m", exclusive_minimum=0.0, maximum=1000.0,
                                         meaning="inner sides along x, y and, in three dimensions, z")
+    funnels: tuple[Funnel, ...] = parameter((), meaning="solid funnels in it")
 
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """A block of one liquid at the start: a rectangular one, or a round one that touches the sides of that."""
+    """A block of one liquid at the start, as large as fits between two corners."""
 
     liquid: str = parameter(liquid=True, meaning="liquid of the block")
     lower: tuple[float, ...] = parameter(unit="m", meaning="corner with the smallest coordinates; the container's is 0")
     upper: tuple[float, ...] = parameter(unit="m", meaning="corner with the largest coordinates")
     velocity: tuple[float, ...] = parameter((), unit="m/s", meaning="velocity at the start; at rest without it")
-    shape: str = parameter("box", choices=("box", "ball"),
-                           meaning="all between the corners, or the ball (in 2D the disc) that touches the sides")
+    shape: str = parameter("box", choices=SHAPES,
+                           meaning="all between the corners, or the ball (in 2D the disc) or the cylinder along an "
+                                   "axis that touches the sides")
+    replaces: bool = parameter(False, meaning="takes the place of what the blocks before it have where it is")
 
     @property
     def volume(self) -> float:
-        """Volume, m3 (in two dimensions area, m2)."""
-        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}[self.shape]
-        return share * math.prod(self.sides)
+        """Volume, m3 (m2 in two dimensions)."""
+        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}
+        return share.get(self.shape, math.pi / 4.0) * math.prod(self.sides)
 
     @property
     def sides(self) -> tuple[float, ...]:
@@ -152,10 +167,16 @@ class Scene:
 
 
 def is_closed(container: Container | None, blocks: tuple[Block, ...]) -> bool:
-    """Tell whether blocks that neither overlap nor reach outside fill a cavity; without blocks one liquid does."""
+    """Tell whether blocks that neither overlap nor reach outside fill a cavity; without blocks one liquid does.
+
+    Blocks that replace others are taken to lie within them.
+    """
     if container is None or not blocks:
         return True
-    return math.isclose(sum(block.volume for block in blocks), math.prod(container.size), rel_tol=1e-9)
+    if any(block.shape != "box" for block in blocks if not block.replaces):
+        return False
+    blocks = tuple(block for block in blocks if not block.replaces)
+    return math.isclose(sum(math.prod(block.sides) for block in blocks), math.prod(container.size), rel_tol=1e-9)
 
 
 # What a scene file may say: its name is that of the file, and the accuracy is chosen for a run, not for a scene.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.advise import report_of, text_of
+from pipeline.blocks import contains
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
@@ -49,7 +50,7 @@ def of_blocks(position: np.ndarray, blocks: Sequence[Block], values: Sequence) -
     """Value (n, ...) of the block in which every particle lies; particles are (n, d), m."""
     chosen = np.full(len(position), -1)
     for index, block in enumerate(blocks):
-        chosen[((position > block.lower) & (position < block.upper)).all(axis=1)] = index
+        chosen[contains(block, position)] = index
     return np.asarray(values)[chosen]
 
 
@@ -135,7 +136,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
     with progress(len(frames), label) as bar:
         for index in frames:
-            begin = solver.time
+            begin, before = solver.time, dict(solver.seconds)
             clocks = time.perf_counter(), time.process_time()
             until = index * scene.output.frame_interval
             try:
@@ -153,6 +154,8 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
                 solver.prepare_output()
                 bar.update(1)
             spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
+            spent |= {f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
+                      for effect in solver.effects if effect.name in solver.seconds}
             statistics = average.take()
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))

@@ -14,8 +14,8 @@ class Field:
     Parameters
     ----------
     name : the field's term in full.
-    kind : "scalar", "vector" (one component per dimension), "liquids" (one component per liquid), "liquid_vectors" (one
-        vector per liquid, one after the other) or "integer".
+    kind : "scalar", "vector" (one component per dimension), "tensor" (dimension x dimension), "liquids" (one component
+        per liquid), "liquid_vectors" (one vector per liquid, one after the other) or "integer".
     unit, meaning : for the documentation.
     carried : True for state that outlives a step: it moves with the particle when particles are sorted and is
         stored in checkpoints. Other fields are scratch, valid within one step.
@@ -34,6 +34,8 @@ def allocate(field: Field, size: int, dimension: int, liquids: int):
         return ti.field(real(), shape=size)
     if field.kind == "integer":
         return ti.field(ti.i32, shape=size)
+    if field.kind == "tensor":
+        return ti.Matrix.field(dimension, dimension, real(), shape=size, layout=ti.Layout.SOA)
     components = {"vector": dimension, "liquids": liquids, "liquid_vectors": liquids * dimension}[field.kind]
     return ti.Vector.field(components, real(), shape=size, layout=ti.Layout.SOA)
 
@@ -87,7 +89,8 @@ class ParticleStore:
         """Memory of the declared fields."""
         item = 4 if real() == ti.f32 else 8
         width = {"scalar": item, "integer": 4, "vector": item * self.dimension, "liquids": item * self.liquids,
-                 "liquid_vectors": item * self.liquids * self.dimension}
+                 "liquid_vectors": item * self.liquids * self.dimension,
+                 "tensor": item * self.dimension**2}
         return sum(width[f.kind] for f in self.declared.values()) * self.capacity
 
     @ti.kernel
@@ -121,7 +124,7 @@ class ParticleStore:
         row = self.count[None]
         if row >= self.capacity:
             raise OverflowError(f"{row} particles fill the store; more were to be added")
-        zero = {f.name: 0 if f.kind in ("scalar", "integer") else np.zeros(self.arrays[f.name].n)
+        zero = {f.name: 0 if f.kind in ("scalar", "integer") else np.zeros(self.arrays[f.name][0].to_numpy().shape)
                 for f in self.declared.values() if f.carried}
         self.set_row(row, zero | values)
         self.count[None] = row + 1
@@ -130,7 +133,8 @@ class ParticleStore:
     def set_row(self, row: int, values: dict) -> None:
         """Set some fields of one particle."""
         for name, value in values.items():
-            self.arrays[name][row] = ti.Vector([float(v) for v in value]) if np.ndim(value) else value
+            make = (lambda value: value, ti.Vector, ti.Matrix)[np.ndim(value)]
+            self.arrays[name][row] = make(np.asarray(value, float).tolist() if np.ndim(value) else value)
 
     def remove(self, rows) -> None:
         """Remove particles; the last ones take their rows."""

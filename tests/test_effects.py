@@ -7,6 +7,7 @@ import taichi as ti
 from sim.effects import REGISTRY
 from sim.effects.cohesion import CohesionParameters
 from sim.effects.effect import Effect
+from sim.effects.viscoelastic import ElasticLiquid
 from sim.fields import Field, ParticleStore
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
@@ -33,6 +34,7 @@ ACTIVE = {
     "drift": {"droplet_diameter": 1e-3},
     "diffusion": {"coefficient": 1e-5},
     "collision": {},
+    "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
 }
 ZERO = {
     "injection": FLOW | {"start": 1e9},
@@ -47,6 +49,7 @@ ZERO = {
     "drift": {"droplet_diameter": 1e-3, "coefficient": 0.0},
     "diffusion": {"coefficient": 0.0},
     "collision": {"strength": 0.0},
+    "viscoelastic": {"liquids": (ElasticLiquid("oil", 0.0),)},
 }
 EXCHANGES = ("drift", "diffusion")  # carry momentum, but not its moment, from place to place
 THIN, THICK, DROPLETS = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0), Liquid("droplets", 970.0, 3.0)

@@ -10,6 +10,7 @@ from sim.effects.effect import Effect
 from sim.effects.gravity import Gravity
 from sim.effects.injection import Injection
 from sim.effects.interface_tension import InterfaceTension
+from sim.effects.viscoelastic import Viscoelastic
 from sim.effects.viscosity import Viscosity
 from sim.effects.viscosity_implicit import ViscosityImplicit
 
@@ -23,6 +24,7 @@ REGISTRY: dict[str, type[Effect]] = {
         Cohesion,
         Curvature,
         Adhesion,
+        Viscoelastic,
         Viscosity,
         ViscosityImplicit,
         ContactLineEmulsification,
