@@ -8,6 +8,7 @@ import pytest
 from pipeline.advise import report_of
 from pipeline.scene import load_scene
 from pipeline.scene_checks import check
+from pipeline.section_panel import COLORS, DROPLET_COLORS, Eye, SectionPanel
 from sim.effects import contact_line_emulsification as law
 from sim.settings import Liquid
 
@@ -258,3 +259,20 @@ def test_the_time_scale_is_on_every_picture():
     paper = load_scene("config/scenes/s1_emulsification.yaml", "draft")
     brownian = 4e-13  # m2/s, a droplet of 1.5 um in aqueous at 37 C
     assert f"1 s = {paper.effects['diffusion'].coefficient / brownian / (7 * 86400):.0f} weeks" in paper.label
+
+
+def test_droplets_are_drawn_over_the_liquid_on_their_scale():
+    """One decade after the other from 0.01 to 1000 parts per million; what is below stays as it was."""
+    axis = np.linspace(-12e-3, 12e-3, 49)
+    distance = np.hypot(*np.meshgrid(axis, axis, indexing="ij")) - 11e-3
+    panel = SectionPanel(distance, (axis[0], axis[0]), axis[1] - axis[0], Eye(None, "phakic"), (200, 200))
+    fraction = np.zeros_like(distance)
+
+    def middle(*droplets):
+        picture = panel.draw(fraction, [], np.zeros(3), *(np.full_like(distance, share) for share in droplets))
+        return np.asarray(picture)[100, 100].tolist()
+
+    assert middle() == middle(0.0) == middle(1e-8) == COLORS[0].tolist()
+    assert middle(1e-3) == middle(0.5) == DROPLET_COLORS[-1].tolist()
+    assert middle(10 ** (-8 + 5 * 100 / 255)) == DROPLET_COLORS[100].tolist()
+    assert middle(1e-7) == DROPLET_COLORS[51].tolist() != middle(10**-7.5)
