@@ -33,7 +33,8 @@ STOKES_REYNOLDS = 1.0
 INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
-           "drift", "diffusion", "injection", "contact_line_emulsification"}
+           "drift", "diffusion", "injection", "contact_line_emulsification",
+           "collision", "viscoelastic"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 
@@ -340,6 +341,36 @@ def _transport_of_droplets(scales: Scales, effect) -> Found:
     if scales.scene.numerics.precision != "f64":
         yield Advice(WARNING, name, "a share of droplets of some 1e-6 is lost in numbers of seven digits: use "
                                     "numerics.precision f64")
+
+
+@_rule
+def _collision(scales: Scales, limits: list[Limit]) -> Found:
+    collision = scales.scene.effects.get("collision")
+    if not collision:
+        return
+    if collision.strength == 0.0:
+        yield Advice(WARNING, "collision", "does nothing: its strength is 0, not above 0")
+    elif len(scales.liquids) == 1:
+        yield Advice(WARNING, "collision", "cannot be seen: it acts between 2 liquids, but 1 is ever in the cavity, "
+                                           f"{scales.liquids[0].name}")
+    else:
+        yield Advice(SEEN_EFFECT, "collision", f"it keeps {len(scales.liquids)} liquids apart, particle by particle; "
+                                               "every hit takes energy, and it is no surface tension")
+
+
+@_rule
+def _elasticity(scales: Scales, limits: list[Limit]) -> Found:
+    effect = scales.scene.effects.get("viscoelastic")
+    density = {liquid.name: liquid.density for liquid in scales.liquids}
+    for one in effect.liquids if effect else ():
+        if one.shear_modulus == 0.0:
+            yield Advice(WARNING, "viscoelastic",
+                         f"does nothing in {one.liquid}: its shear modulus is 0 Pa, not above 0")
+        elif one.liquid in density:
+            cauchy = density[one.liquid] * scales.speed**2 / one.shear_modulus
+            does = "tears and flows" if cauchy > 1.0 else "springs"
+            yield Advice(SEEN_EFFECT, "viscoelastic",
+                         f"rho U2/M of {one.liquid} is {cauchy:.3g}: it {does} (springs below 1)")
 
 
 @_rule

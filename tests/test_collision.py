@@ -1,13 +1,19 @@
 """The convex hull on the device against Qhull, and what colliding liquids keep."""
 import dataclasses
+from pathlib import Path
 
 import cavities
 import numpy as np
 import pytest
 import taichi as ti
 from scipy.spatial import ConvexHull as Qhull
-from scipy.spatial import QhullError
+from scipy.spatial import QhullError, cKDTree
 
+from pipeline.blocks import contains
+from pipeline.container import block_lattices, container_arrays
+from pipeline.errors import UserError
+from pipeline.scene import load_scene
+from pipeline.signed_distance import SignedDistance
 from sim.convex_hull import INSIDE, OPEN, ConvexHull
 from sim.neighbor_search import Rows
 from sim.settings import Liquid
@@ -217,3 +223,89 @@ def test_result_depends_on_no_order(mixed, circle):
         _, (_, x, v) = collide(mixed, order="simultaneous")
         results.append(np.c_[x / cavities.SPACING, v][np.argsort(stored)])
     np.testing.assert_allclose(*results, rtol=0.0, atol=1e-9)
+
+
+# Scenes.
+
+ROOT = Path(__file__).parents[1]
+SCENE = """
+container:
+  size: [0.2 m, 0.1 m, 0.1 m]
+liquids: {red_gel: {}, blue_gel: {}}
+blocks:
+  - {liquid: red_gel, shape: ball, lower: [0.02 m, 0.02 m, 0.02 m], upper: [0.08 m, 0.08 m, 0.08 m]}
+  - {liquid: blue_gel, shape: cylinder_x, lower: [0.12 m, 0.02 m, 0.02 m], upper: [0.16 m, 0.08 m, 0.08 m]}
+effects: {collision: {}}
+numerics: {particle_spacing: 4 mm}
+output: {duration: 0.1 s}
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return a function that reads the scene above with other text in it."""
+    def read(old: str = "", new: str = ""):
+        path = tmp_path / "case.yaml"
+        path.write_text(SCENE.replace(old, new) if old else SCENE)
+        return load_scene(path, "draft", ROOT / "config")
+    return read
+
+
+def test_round_blocks_hold_what_their_shapes_do(scene):
+    """Lattices of 15 x 15 points cut to a ball or a disc are 3 % off its volume at most."""
+    found = scene()
+    assert not found.closed
+    for block, (points, each) in zip(found.blocks, block_lattices(found.blocks, 4e-3), strict=True):
+        assert len(points) * each == pytest.approx(block.volume, rel=0.03)
+        assert contains(block, points).all()
+
+
+def test_block_that_replaces_leaves_no_gap_and_no_overlap(scene):
+    yolk = ", shape: ball, lower: [0.036 m, 0.036 m, 0.036 m], upper: [0.064 m, 0.064 m, 0.064 m], replaces: true}"
+    found = scene("effects:", f"  - {{liquid: blue_gel{yolk}\neffects:")
+    lattices = block_lattices(found.blocks, 4e-3)
+    points = np.concatenate([lattices[0][0], lattices[2][0]])
+    assert len(points) == len(block_lattices(scene().blocks, 4e-3)[0][0])
+    assert cKDTree(points).query(points, k=2)[0][:, 1].min() > 3.9e-3
+
+
+def test_funnel_is_solid(scene):
+    """Its wall particles lie in it, the signed distance knows it, and liquid cannot start in it."""
+    funnel = ("size: [0.2 m, 0.1 m, 0.1 m]\n  funnels:\n    - {center: [0.1 m, 0.02 m, 0.05 m], lower_radius: 0.01 m, "
+              "upper_radius: UPPER, height: 0.05 m, thickness: 0.01 m}")
+    old = "size: [0.2 m, 0.1 m, 0.1 m]"
+    arrays = container_arrays(scene(old, funnel.replace("UPPER", "0.012 m")))
+    middle = np.array([[0.11, 0.045, 0.05], [0.1, 0.045, 0.05]])
+    distance = SignedDistance(arrays["sdf_values"], arrays["sdf_origin"], float(arrays["sdf_cell"])).sample(middle)
+    assert distance == pytest.approx([0.005, -0.006], abs=1e-3)
+    inside = (np.abs(arrays["wall_position"] - [0.1, 0.05, 0.05]) < [0.09, 0.045, 0.045]).all(axis=1)
+    assert inside.sum() * 6.4e-8 == pytest.approx(2.0 * np.pi * 0.011 * 0.05 * 0.01, rel=0.35)  # and its round rims
+    with pytest.raises(UserError, match=r"blocks\[0\] reaches into a funnel"):
+        container_arrays(scene(old, funnel.replace("UPPER", "0.05 m")))
+    with pytest.raises(UserError, match=r"thickness is 0\.004 m, but must be at least 0\.008 m"):
+        scene(old, funnel.replace("UPPER", "0.012 m").replace("thickness: 0.01 m", "thickness: 0.004 m"))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("red_gel: {}, ", "", "needs two liquids at least"),
+    ("collision: {}", "collision: {}, diffusion: {coefficient: 1e-6}",
+     "collision cannot be used together with diffusion: one mixes the liquids, the other keeps them apart"),
+    ("collision: {}", "collision: {restitution: 2}", "restitution is 2, but must be at least 0 and at most 1"),
+    ("collision: {}", "viscoelastic: {liquids: []}", "viscoelastic.liquids is empty, but must name one liquid"),
+    ("collision: {}", "viscoelastic: {liquids: [{liquid: yolk, shear_modulus: 1 Pa}]}", "must be one of red_gel"),
+    ("collision: {}", "viscoelastic: {liquids: [{liquid: red_gel, shear_modulus: 1 Pa}, {liquid: red_gel, "
+     "shear_modulus: 2 Pa}]}", r"liquids\[1\] describes red_gel again; remove one of the two"),
+    ("shape: ball, ", "shape: ball, replaces: true, ", "replaces is true, but no block comes before it"),
+])
+def test_scene_is_refused_in_one_sentence(scene, old, new, message):
+    with pytest.raises(UserError, match=message) as caught:
+        scene(old, new)
+    if "red_gel: {}, " not in old:  # without the liquid its block is refused as well
+        assert len(caught.value.messages) == 1
+
+
+def test_stiff_liquid_refuses_a_long_fixed_step(scene):
+    with pytest.raises(UserError, match=r"must be at most 3.79e-05 s because of effects.viscoelastic"):
+        scene("effects: {collision: {}}\nnumerics: {particle_spacing: 4 mm}",
+              "effects: {viscoelastic: {liquids: [{liquid: red_gel, shear_modulus: 1 MPa}]}}\n"
+              "numerics: {particle_spacing: 4 mm, time_step: 1 ms}")

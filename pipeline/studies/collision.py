@@ -1,0 +1,215 @@
+"""Figures 6 to 9 of the collision paper (Mao & Yang): what collides, and how it ends, by a number for each figure.
+
+The paper shows pictures. Here each figure has a number: the speed at which the balls part (Fig. 6), the pieces into
+which the bars break (Fig. 7), the share of the ball that is past the plane of the disk (Fig. 8), and how much of the
+yolk holds together (Fig. 9). Beside them stands the share of the computing time that the collision takes; Table 1 of
+the paper and the text after it name 20 to 30 %.
+"""
+import dataclasses
+import io
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.scene import Scene, load_resolved
+from pipeline.study_model import Outcome, Row
+from sim.parameters import parameter
+
+PICTURES = ("collision_pictures",)
+OUTPUTS = Path("outputs")
+TOUCHING = 1.5      # particles of one liquid closer than this, in spacings, are of one piece
+SMALLEST_PIECE = 5  # particles
+TIME_SHARE = 0.3    # of the collision, at most, in the paper
+TOGETHER = 0.9      # share of a body in its largest piece, or below the funnel, that counts as all of it
+AZIMUTH, ELEVATION = np.radians(25.0), np.radians(15.0)  # of the view
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """The scenes of every figure, in the order of the paper; the first liquid of a disk's scene is the ball's."""
+
+    balls: tuple[str, ...] = parameter(meaning="Fig. 6: soft, stiff")
+    bars: tuple[str, ...] = parameter(meaning="Fig. 7: soft, stiff")
+    disks: tuple[str, ...] = parameter(meaning="Fig. 8: fast, slow, equal masses")
+    eggs: tuple[str, ...] = parameter(meaning="Fig. 9: a, b, c; the second liquid is the yolk")
+    pictures: int = parameter(4, minimum=2, maximum=8, meaning="times at which every scene is drawn")
+
+
+def scenes(parameters: Parameters) -> tuple[str, ...]:
+    """Names of the scenes whose results are read."""
+    return parameters.balls + parameters.bars + parameters.disks + parameters.eggs
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One scene and its frames."""
+
+    scene: Scene
+    frames: list[FrameData]
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """Wall time per frame, s, and the share of the collision; without the frame in which all is compiled."""
+        timed = [frame.statistics for frame in self.frames[2:]]
+        wall = np.array([one["wall_seconds"] for one in timed])
+        return float(wall.mean()), float(sum(one["collision_seconds"] for one in timed) / wall.sum())
+
+
+def run(parameters: Parameters) -> Outcome:
+    """Measure every figure, and state for each whether it comes out as in the paper."""
+    runs = {name: _load(name) for name in scenes(parameters)}
+    outcome = Outcome(pictures={PICTURES[0]: _contact_sheet(list(runs.values()), parameters.pictures)})
+    for figure, names, rows in (("Fig. 6", parameters.balls, _balls), ("Fig. 7", parameters.bars, _bars),
+                                ("Fig. 8", parameters.disks, _disks), ("Fig. 9", parameters.eggs, _eggs)):
+        for row, words in rows([runs[name] for name in names]):
+            outcome.rows.append(dataclasses.replace(row, at=f"{figure}{row.at}"))
+            if row.holds is not None:
+                outcome.remarks.append(f"{figure}{row.at} {'' if row.holds else 'NOT '}as in the paper: {words}")
+    for name, each in runs.items():
+        wall, share = each.seconds
+        outcome.rows += [Row("particles", float(len(each.frames[0].id)), at=name),
+                         Row("wall time per frame", wall, "s", at=name),
+                         Row("share of the time in collision", share, reference=TIME_SHARE,
+                             error=max(0.0, share - TIME_SHARE), tolerance=0.0, at=name)]
+    return outcome
+
+
+def _load(name: str) -> Run:
+    folder = OUTPUTS / name
+    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
+    return Run(load_resolved(folder / "scene.json"), [read_frame(path) for path in paths])
+
+
+def _at_least(quantity: str, value: float, least: float, at: str) -> Row:
+    return Row(quantity, value, reference=least, error=max(0.0, least - value), tolerance=0.0, at=at)
+
+
+def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
+    soft, stiff = (parting_speed(each) for each in runs)
+    quantity = "speed apart at the end / of approach"
+    return [(Row(quantity, soft, at="a"), ""),
+            (_at_least(quantity, stiff, max(soft, 0.0), "b"),
+             f"the stiff balls part with {stiff:.3f} of their speed of approach, the soft ones with {soft:.3f} (below "
+             "zero: still on the way into each other).")]
+
+
+def parting_speed(each: Run) -> float:
+    """Speed at which the centers of mass of the two liquids part at the end, over that at which they met."""
+    first, last = each.frames[0], each.frames[-1]
+    apart = _center(last, 1) - _center(last, 0)
+    relative = _velocity(last, 1) - _velocity(last, 0)
+    return float(relative @ apart / np.linalg.norm(apart) / np.linalg.norm(_velocity(first, 1) - _velocity(first, 0)))
+
+
+def _center(frame: FrameData, phase: int) -> np.ndarray:
+    return frame.position[frame.phase == phase].astype(float).mean(axis=0)
+
+
+def _velocity(frame: FrameData, phase: int) -> np.ndarray:
+    return frame.velocity[frame.phase == phase].astype(float).mean(axis=0)
+
+
+def _bars(runs: list[Run]) -> list[tuple[Row, str]]:
+    soft, stiff = (sum(np.count_nonzero(piece_sizes(each.frames[-1], phase) >= SMALLEST_PIECE) for phase in (0, 1))
+                   for each in runs)
+    quantity = f"pieces of {SMALLEST_PIECE} particles or more at the end"
+    return [(Row(quantity, float(soft), at="a"), ""),
+            (Row(quantity, float(stiff), reference=float(soft), error=float(max(0, stiff - soft + 1)), tolerance=0.0,
+                 at="b"), f"the stiff bars are in {stiff} pieces, the soft ones in {soft} (fewer are asked for).")]
+
+
+def piece_sizes(frame: FrameData, phase: int) -> np.ndarray:
+    """Numbers of particles of the connected pieces of one liquid, the largest first."""
+    position = frame.position[frame.phase == phase].astype(float)
+    pairs = cKDTree(position).query_pairs(TOUCHING * frame.particle_spacing, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=2 * (len(position),))
+    return np.sort(np.bincount(connected_components(links, directed=False)[1]))[::-1]
+
+
+def _disks(runs: list[Run]) -> list[tuple[Row, str]]:
+    found = []
+    for letter, each, passes in zip("abc", runs, (1.0, 0.0, 0.0), strict=True):
+        share = share_past(each.frames[-1])
+        speed = np.linalg.norm(_velocity(each.frames[0], 0))
+        found.append((Row("share of the ball past the plane of the disk", share, reference=passes,
+                          error=abs(share - passes), tolerance=0.5, at=letter),
+                      f"at {speed:.3g} m/s and {each.scene.liquids[0].density / each.scene.liquids[1].density:g} times "
+                      f"the mass {100.0 * share:.0f} % of the ball are past the plane of the disk."))
+    return found
+
+
+def share_past(frame: FrameData) -> float:
+    """Share of the first liquid that is past the median plane, across the line of flight x, of the second."""
+    x = frame.position[:, 0]
+    return float(np.mean(x[frame.phase == 0] > np.median(x[frame.phase == 1])))
+
+
+def _eggs(runs: list[Run]) -> list[tuple[Row, str]]:
+    found = []
+    for letter, each in zip("abc", runs, strict=True):
+        last = each.frames[-1]
+        whole = piece_sizes(last, 1)[0] / np.count_nonzero(last.phase == 1)
+        found.append((_at_least("share of the yolk in one piece", whole, TOGETHER, letter),
+                      f"{100.0 * whole:.0f} % of the yolk hold together."))
+        for funnel in each.scene.container.funnels:
+            below = float(np.mean(last.position[:, 1] < funnel.center[1]))
+            found.append((_at_least("share of the egg below the funnel", below, TOGETHER, letter),
+                          f"{100.0 * below:.0f} % of the egg are through the funnel."))
+    return found
+
+
+def _contact_sheet(runs: list[Run], count: int) -> bytes:
+    """All scenes, a row each, at some times, seen from the front and a little from the right and above, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(2.6 * count, 1.9 * len(runs)), layout="constrained")
+    grid = FigureCanvasAgg(canvas).figure.subplots(len(runs), count, squeeze=False)
+    for row, each in zip(grid, runs, strict=True):
+        indices = np.rint(np.linspace(0, len(each.frames) - 1, count)).astype(int)
+        for axes, index in zip(row, indices, strict=True):
+            _draw(axes, each.scene, each.frames[index])
+        row[0].set_title(each.scene.title, fontsize=8, loc="left")
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=75, format="png")
+    return buffer.getvalue()
+
+
+def seen(points: np.ndarray) -> np.ndarray:
+    """Right, up and towards the viewer, (n, 3), of points (n, 3)."""
+    turned = points[:, 0] * np.sin(AZIMUTH) + points[:, 2] * np.cos(AZIMUTH)
+    right = points[:, 0] * np.cos(AZIMUTH) - points[:, 2] * np.sin(AZIMUTH)
+    return np.stack([right, points[:, 1] * np.cos(ELEVATION) - turned * np.sin(ELEVATION),
+                     points[:, 1] * np.sin(ELEVATION) + turned * np.cos(ELEVATION)], axis=1)
+
+
+def _draw(axes, scene: Scene, frame: FrameData) -> None:
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import to_rgb
+
+    size = np.array(scene.container.size)
+    floor = seen(np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]) * size)
+    axes.fill(floor[:, 0], floor[:, 1], color="#eef1f4", lw=0.5, ec="#c4cbd4")
+    place = seen(frame.position.astype(float))
+    order = np.argsort(place[:, 2])
+    near = (place[:, 2] - place[:, 2].min()) / max(np.ptp(place[:, 2]), 1e-30)
+    color = np.array([to_rgb(liquid.color) for liquid in scene.liquids])[frame.phase] * (0.6 + 0.4 * near)[:, None]
+    diameter = np.full(len(order), 1.1 * frame.particle_spacing)
+    axes.add_collection(EllipseCollection(diameter, diameter, 0.0, units="xy", offsets=place[order, :2],
+                                          facecolors=color[order], lw=0.0, offset_transform=axes.transData))
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    for funnel in scene.container.funnels:
+        for radius, height in ((funnel.lower_radius, 0.0), (funnel.upper_radius, funnel.height)):
+            rim = seen(np.stack([radius * np.cos(angle), np.full(60, height), radius * np.sin(angle)], axis=1)
+                       + np.array(funnel.center))
+            axes.plot(rim[:, 0], rim[:, 1], color="#5c6670", lw=0.8)
+    corners = seen(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size)
+    axes.set(xlim=(corners[:, 0].min(), corners[:, 0].max()), ylim=(corners[:, 1].min(), corners[:, 1].max()),
+             aspect="equal", xticks=[], yticks=[], xlabel=f"{1000.0 * frame.time:.0f} ms")
+    axes.xaxis.label.set_fontsize(8)
+    for side in axes.spines.values():
+        side.set_visible(False)
