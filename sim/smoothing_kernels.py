@@ -79,3 +79,27 @@ def lattice_sum(kernel, spacing: float, dimension: int) -> float:
     """Return the compression rate of a liquid at rest: the sum of V W over a square or cubic lattice."""
     reach = math.ceil(kernel.support_radius / spacing)
     return _lattice_sum(kernel, spacing, reach, dimension)
+
+
+@ti.kernel
+def _lattice_moment(kernel: ti.template(), spacing: float, reach: int, dimension: ti.template()) -> float:
+    total = 0.0
+    side = 2 * reach + 1
+    ti.loop_config(serialize=True)
+    for n in range(side**dimension):
+        rest = n
+        r2 = 0.0
+        for _ in ti.static(range(dimension)):
+            r2 += (spacing * float(rest % side - reach)) ** 2
+            rest = rest // side
+        total -= kernel.gradient_factor(ti.sqrt(r2)) * r2
+    return total * spacing**dimension / dimension
+
+
+def lattice_moment(kernel, spacing: float, dimension: int) -> float:
+    """Return the sum of V |dW/dr| r/d over a square or cubic lattice: a fluid without particles has 1.
+
+    By that much pair fluxes along a gradient are off on a lattice (3 % at h = 2.5 dx), and nearly so on packed sets.
+    """
+    reach = math.ceil(kernel.support_radius / spacing)
+    return _lattice_moment(kernel, spacing, reach, dimension)

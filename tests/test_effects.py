@@ -572,9 +572,9 @@ def diffusing(request):
         cavities.cavity(*{"lattice": ("box", (32e-3, 32e-3)), "packed": ("circle", 15e-3)}[kind]),
         liquids=(Liquid("aqueous", 1000.0, 0.0), Liquid("oil", 970.0, 0.0)), support_ratio=support_ratio,
         effects=(cavities.parameters("diffusion", coefficient=COEFFICIENT),))
-    # The second moment of the lattice sum is 0.997 at 3 dx (validation T18: 1 %), but 0.967 at 2.5 dx.
-    return solver, *{("lattice", 3.0): (1.0, 0.01), ("lattice", 2.5): (0.9665, 0.005),
-                     ("packed", 2.5): (1.0, 0.05)}[request.param]
+    # What the lattice sum lacks (3.3 % at 2.5 dx) is made up for, on packed sets too but for 2 % (validation T18).
+    return solver, *{("lattice", 3.0): (1.0, 0.01), ("lattice", 2.5): (1.0, 0.005),
+                     ("packed", 2.5): (1.0, 0.03)}[request.param]
 
 
 def set_fraction(solver, fraction):

@@ -75,7 +75,8 @@ class Drift(Mixing):
     def __init__(self, parameters, solver):
         self.last_step = 0.0  # length of the step that began with velocity_before, s; 0 where there was none
         super().__init__(parameters, solver)
-        self.coefficient, self.dynamic = parameters.coefficient, parameters.form == "dynamic"
+        self.coefficient = self.lattice_factor * parameters.coefficient
+        self.dynamic = parameters.form == "dynamic"
         if self.coefficient > 0.0 and any(liquid.dynamic_viscosity <= 0.0 for liquid in solver.liquids):
             raise ValueError("drift balances the weight of droplets with viscous drag, so every liquid needs a "
                              "dynamic_viscosity above 0")

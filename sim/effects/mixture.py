@@ -22,6 +22,7 @@ from sim.effects.effect import Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.runtime import real
+from sim.smoothing_kernels import lattice_moment
 
 LARGEST_SHARE = 0.5  # of a liquid that leaves a particle in one sub-step; 1 is the limit of the bounds
 MOST_SUB_STEPS = 100_000
@@ -48,6 +49,9 @@ class Mixing(Effect):
             self.density[k] = liquid.density
         self.largest_rate = ti.field(real(), shape=())
         self.sub_steps = 0  # of the last exchange
+        # What pair fluxes along a gradient are multiplied with, to be right on a lattice.
+        spacing = solver.rest_volume ** (1.0 / solver.dimension)
+        self.lattice_factor = 1.0 / lattice_moment(self.kernel, spacing, solver.dimension)
         self.start({field.name for field in self.fields if field.carried})
 
     def start(self, missing: set[str]) -> None:
