@@ -204,7 +204,7 @@ def test_vortex_decays_by_its_viscosity():
 def test_front_of_a_dam_break_runs_as_measured(scheme):
     """T16 with 8 particles along the column; the study asks for the band itself and 5 %.
 
-    With so few the layer at the tip is a single particle thick and the front of the water leaves the band by 8 and 11 %;
+    With so few the tip is a single particle thick and the front of the water leaves the band by 8 and 11 %;
     the farthest particle runs at 1.87 and 1.74, between the experiment's 1.7 and the 2 without friction.
     """
     outcome = dam_break.run(dam_break.Parameters(scheme=scheme, resolutions=(8,)))
