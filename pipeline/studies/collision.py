@@ -90,7 +90,7 @@ def _at_least(quantity: str, value: float, least: float, at: str) -> Row:
 
 def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
     soft, stiff = (parting_speed(each) for each in runs)
-    quantity = "speed apart at the end / of approach"
+    quantity = "largest speed apart / of approach"
     return [(Row(quantity, soft, at="a"), ""),
             (_at_least(quantity, stiff, max(soft, 0.0), "b"),
              f"the stiff balls part with {stiff:.3f} of their speed of approach, the soft ones with {soft:.3f} (below "
@@ -98,11 +98,15 @@ def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
 
 
 def parting_speed(each: Run) -> float:
-    """Speed at which the centers of mass of the two liquids part at the end, over that at which they met."""
-    first, last = each.frames[0], each.frames[-1]
-    apart = _center(last, 1) - _center(last, 0)
-    relative = _velocity(last, 1) - _velocity(last, 0)
-    return float(relative @ apart / np.linalg.norm(apart) / np.linalg.norm(_velocity(first, 1) - _velocity(first, 0)))
+    """Largest speed at which the centers of mass of the two liquids part, over that at which they met.
+
+    Not the last one: what is thrown back may have met the wall of the container by then.
+    """
+    speeds = []
+    for frame in each.frames:
+        apart, relative = (of(frame, 1) - of(frame, 0) for of in (_center, _velocity))
+        speeds.append(relative @ apart / np.linalg.norm(apart))
+    return float(max(speeds) / np.linalg.norm(_velocity(each.frames[0], 1) - _velocity(each.frames[0], 0)))
 
 
 def _center(frame: FrameData, phase: int) -> np.ndarray:
