@@ -93,8 +93,7 @@ def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
     quantity = "largest speed apart / of approach"
     return [(Row(quantity, soft, at="a"), ""),
             (_at_least(quantity, stiff, max(soft, 0.0), "b"),
-             f"the stiff balls part with {stiff:.3f} of their speed of approach, the soft ones with {soft:.3f} (below "
-             "zero: still on the way into each other).")]
+             f"the stiff balls part with {stiff:.3f} of their speed of approach, the soft ones with {soft:.3f}.")]
 
 
 def parting_speed(each: Run) -> float:
