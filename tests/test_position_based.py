@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim.effects import REGISTRY
+from sim.effects.viscoelastic import ElasticLiquid
 from sim.schemes.position_based import PositionBased, PositionBasedParameters
 from sim.settings import Liquid
 
@@ -171,18 +172,30 @@ def test_vorticity_confinement_spins_up():
 
 # Effects and what each may change: the position of a particle or its fractions, beside gravity alone.
 EFFECTS = {
-    "viscosity": {}, "viscosity_implicit": {}, "cohesion": {"gamma": 10.0}, "curvature": {"gamma": 10.0},
+    "viscosity": {},
+    "viscosity_implicit": {},
+    "cohesion": {"gamma": 10.0},
+    "curvature": {"gamma": 10.0},
     "adhesion": {"beta": 10.0},
-    "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0}, "diffusion": {"coefficient": 1e-5}}
+    "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0},
+    "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
+    "collision": {},
+    "diffusion": {"coefficient": 1e-5},
+    "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "efficiency": 1e6,
+                                    "time_lapse": 1e6},
+}
+MIXING = ("diffusion", "contact_line_emulsification")
+# Between pure liquids nothing drifts; tests/test_mixture.py has what it does to mixtures.
+PURE = {"drift"}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", [True, False], ids=["closed", "open"])
 def test_every_effect_acts(closed, circle):
     """All effects run and show; injection is refused, with its reason."""
-    assert set(EFFECTS) | {"gravity"} | set(PositionBased.refuses) == set(REGISTRY)
+    assert set(EFFECTS) | {"gravity"} | PURE | set(PositionBased.refuses) == set(REGISTRY)
     box = cavities.cavity("box", (16e-3, 16e-3))
-    liquids = (cavities.AQUEOUS, Liquid("oil", 970.0, 0.05))
+    liquids = (cavities.AQUEOUS, Liquid("oil", 970.0, 0.05), Liquid("droplets", 970.0, 0.05))
 
     def moved(*effects):
         numbers = {"effects": (cavities.parameters("gravity"), *effects), "liquids": liquids, "time_step": 2e-4,
@@ -198,7 +211,7 @@ def test_every_effect_acts(closed, circle):
         state = moved(cavities.parameters(name, **values))
         assert np.isfinite(state["position"]).all() and np.abs(state["velocity"]).max() < 1.0, name
         changed = np.abs(state["position"] - alone["position"]).max() / SPACING
-        if name == "diffusion":
+        if name in MIXING:
             changed = np.abs(state["volume_fraction"] - alone["volume_fraction"]).max()
         assert changed > 1e-3, name
 
