@@ -268,13 +268,15 @@ def _drift(scales: Scales, limits: list[Limit]) -> Found:
     drift = scales.scene.effects.get("drift")
     if not drift or not drift.coefficient or len(scales.liquids) == 1:
         return
+    shedding = scales.scene.effects.get("contact_line_emulsification")
+    shed = [liquid for liquid in scales.scene.liquids if shedding and liquid.name == shedding.droplets]
     ways = [(abs(rise_speed(droplet, around, drift.droplet_diameter, scales.gravity)), droplet, around)
-            for droplet in scales.liquids for around in scales.liquids
+            for droplet in (*scales.liquids, *shed) for around in scales.liquids
             if droplet is not around and drift.dispersed in (None, droplet.name)
             and drift.continuous in (None, around.name) and droplet.name != drift.continuous]
     speed, droplet, around = max(ways, key=lambda way: way[0], default=(0.0, None, None))
     if speed == 0.0:
-        yield Advice(WARNING, "drift", "cannot be seen: no weight moves droplets, which need gravity and liquids of "
+        yield Advice(WARNING, "drift", "cannot be seen: droplets move at 0 m/s, for they need gravity and liquids of "
                                        "different densities")
         return
     reach = min(drift.coefficient * speed * scales.duration, scales.width)
