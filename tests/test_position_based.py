@@ -179,21 +179,20 @@ EFFECTS = {
     "adhesion": {"beta": 10.0},
     "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
-    "collision": {},
     "diffusion": {"coefficient": 1e-5},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "efficiency": 1e6,
                                     "time_lapse": 1e6},
 }
 MIXING = ("diffusion", "contact_line_emulsification")
-# Between pure liquids nothing drifts; tests/test_mixture.py has what it does to mixtures.
-PURE = {"drift"}
+# Between pure liquids nothing drifts, and layers do not hit each other; their own tests have what they do.
+QUIET = {"drift", "collision"}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", [True, False], ids=["closed", "open"])
 def test_every_effect_acts(closed, circle):
     """All effects run and show; injection is refused, with its reason."""
-    assert set(EFFECTS) | {"gravity"} | PURE | set(PositionBased.refuses) == set(REGISTRY)
+    assert set(EFFECTS) | {"gravity"} | QUIET | set(PositionBased.refuses) == set(REGISTRY)
     box = cavities.cavity("box", (16e-3, 16e-3))
     liquids = (cavities.AQUEOUS, Liquid("oil", 970.0, 0.05), Liquid("droplets", 970.0, 0.05))
 
