@@ -5,6 +5,7 @@ import cavities
 import numpy as np
 from cavities import AQUEOUS, OIL, build, cavity, parameters
 
+from sim.effects.viscoelastic import ElasticLiquid
 from sim.settings import Liquid
 
 GRAVITY = 9.81
@@ -15,6 +16,7 @@ DAM_FRONT = np.array([(0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.
 EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"gamma": 0.1},
                      "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6},
                      "drift": {"droplet_diameter": 1e-5},
+                     "viscoelastic": {"liquids": (ElasticLiquid("oil", 10.0, 0.1),)},
                      "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}}
 
 

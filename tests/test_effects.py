@@ -578,8 +578,10 @@ def diffusing(request):
 
 
 def set_fraction(solver, fraction):
+    """Set the fraction of the second liquid, in the first."""
     density = np.array([liquid.density for liquid in solver.liquids])
-    fractions = np.stack([1.0 - fraction, fraction], axis=1)
+    fractions = np.zeros((len(fraction), len(density)))
+    fractions[:, :2] = np.stack([1.0 - fraction, fraction], axis=1)
     solver.particles.from_numpy("volume_fraction", fractions)
     solver.particles.from_numpy("mass", cavities.read(solver, "volume")[0] * (fractions @ density))
 

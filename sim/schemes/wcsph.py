@@ -104,7 +104,7 @@ class WCSPH(Scheme):
             density = solver.liquids[0].density + solver.liquids[1].density
             speeds.append(math.sqrt(effects["interface_tension"].coefficient * np.pi / (density * self.spacing)))
         if "cohesion" in effects:  # its inner pressure, some 0.03 gamma rho^2 h, sets particles in motion
-            gammas = effects["cohesion"].coefficients(solver.settings)
+            gammas = effects["cohesion"].parameters.coefficients(solver.settings)
             strongest = max(g * liquid.density for g, liquid in zip(gammas, solver.liquids, strict=True))
             speeds.append(math.sqrt(0.06 * strongest * solver.support_radius))
         if "curvature" in effects:
