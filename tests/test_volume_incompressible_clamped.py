@@ -126,10 +126,13 @@ def test_restart_is_bit_identical():
         np.testing.assert_array_equal(again.state()[name], values, err_msg=name)
 
 
-@pytest.mark.parametrize("name", [name for name in REGISTRY if name not in VolumeIncompressibleClamped.refuses])
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_every_effect_runs(name, dimension):
-    effects = (parameters(name, **EFFECT_PARAMETERS.get(name, {})),)
+RUN = [name for name in REGISTRY if name not in VolumeIncompressibleClamped.refuses]
+
+
+@pytest.mark.parametrize(("names", "dimension"), [*(([name], 2) for name in RUN), (RUN, 3)],
+                         ids=[*(f"2-{name}" for name in RUN), "3-all"])
+def test_every_effect_runs(names, dimension):
+    effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
     solver = build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
                    velocity=lambda x: 1e-2 * np.sin(1e3 * x),
                    liquids=(cavities.AQUEOUS, Liquid("oil", 300.0, 1e-3), Liquid("droplets", 300.0, 1e-3)))
