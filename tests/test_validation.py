@@ -11,7 +11,9 @@ from pipeline.studies import (
     channel,
     coupling,
     dam_break,
+    drop_on_wall,
     hydrostatics,
+    laplace,
     oil_shape,
     oscillating_drop,
     rising_bubble,
@@ -74,6 +76,35 @@ def test_experimental_front_is_inside_its_own_band_at_its_own_speed():
     assert dam_break.water_front(np.append(row, [[9.0, 0.0], [9.5, 0.0]], axis=0), 1.0) == 3.0  # a pair is spray
     # The literature list gives "about 1.7" for tau > 5.
     assert dam_break.front_speed(tau, front, dam_break.STEADY) == pytest.approx(1.7, abs=0.02)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("angle", [30.0, 90.0, 150.0])
+def test_drop_on_a_wall_has_its_volume_and_its_angle(dimension, angle):
+    """Slices of the exact shape add up to the volume, and it meets the wall at the angle."""
+    radius, height, base = drop_on_wall.shape(np.radians(angle), 2.0, dimension)
+    y = np.linspace(0.0, height, 200001)
+    width = np.sqrt(np.maximum(radius**2 - (y - height + radius) ** 2, 0.0))
+    assert np.trapezoid({2: 2.0 * width, 3: np.pi * width**2}[dimension], y) == pytest.approx(2.0, rel=1e-5)
+    assert width[0] == pytest.approx(base, rel=1e-6)
+    assert np.degrees(np.arctan2(base, radius - height)) == pytest.approx(angle)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("angle", [60.0, 120.0])
+def test_drop_on_a_wall_takes_its_angle(angle):
+    """T6 with 6 particles along the radius, where the study has 12: a degree and a half per tenth of a spacing."""
+    outcome = drop_on_wall.run(drop_on_wall.Parameters(contact_angle=angle, resolutions=(6,), rest_times=12.0))
+    assert values(outcome, "contact angle")[0] == pytest.approx(angle, abs=6.0)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_square_drop_becomes_round():
+    outcome = laplace.run(laplace.Parameters(start="square", radius=0.004, resolutions=(6,)))
+    assert values(outcome, "scatter of the radii of the interface / mean")[0] < laplace.ROUND
+    assert next(row for row in outcome.rows if row.quantity == "pressure jump").error < 0.05
 
 
 def lattice(shear, scheme="volume_incompressible"):

@@ -1,9 +1,12 @@
-"""T3 and T4: a drop at rest: the pressure jump of Laplace, and currents that must die away.
+"""T3, T4 and T5: a drop at rest: the pressure jump of Laplace, and currents that must die away.
 
 A drop of radius R in the middle of a round cavity of twice the radius, without gravity. The pressure inside is higher
 by sigma (d - 1) / R; it is read as the mean within 0.6 R less that beyond 1.4 R. Labels are rough by a fraction of a
 spacing at the start, which sets the liquid in motion: the currents are read at the end as mu U / sigma with the largest
 speed, and must have decayed, where forms without balance keep them up for ever.
+
+A drop that starts as a square (3D: a cube) of the same volume must become round (T5): the radii of the points of the
+interface may scatter by a fiftieth, which in 2D is a circularity well above 0.98.
 """
 import dataclasses
 
@@ -21,6 +24,7 @@ CAVITY = 2.0  # radius of the cavity over that of the drop
 INSIDE, OUTSIDE = 0.6, 1.4  # where the pressure is read, over the radius of the drop
 JUMP_TOLERANCE = {2: 0.01, 3: 0.02}
 CURRENT_TOLERANCE = 5e-4
+ROUND = 0.02  # allowed scatter of the radii of a drop that was square
 FIGURES = (
     Figure("laplace_jump", "T3: pressure jump of a drop", "sigma (d - 1) / R, Pa", "pressure jump, Pa"),
     Figure("laplace_currents", "T4: currents around a drop at rest", "time / sqrt(rho R^3 / sigma)",
@@ -38,6 +42,7 @@ class Parameters(TankParameters):
     viscosity: float = parameter(0.1, unit="Pa*s", exclusive_minimum=0.0, meaning="viscosity of both liquids")
     density_ratio: float = parameter(1.0, exclusive_minimum=0.0, maximum=1.0, meaning="density of the drop over that "
                                                                                       "of the liquid around it")
+    start: str = parameter("round", choices=("round", "square"), meaning="shape of the drop at the start")
     rest_times: float = parameter(12.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(rho R^3 / sigma)")
     seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
     resolutions: tuple[int, ...] = parameter((8, 12), minimum=4, meaning="particles along the radius of the drop")
@@ -47,6 +52,7 @@ def run(case: Parameters) -> Outcome:
     """Measure the pressure jump and the currents at every resolution."""
     outcome = Outcome()
     name = f"{case.dimension}D R={1e3 * case.radius:g} mm sigma={1e3 * case.tension:g} mN/m"
+    name += " from a square" if case.start == "square" else ""
     for resolution in case.resolutions:
         result = rest(case, resolution)
         outcome.rows += _rows(case, result)
@@ -63,9 +69,25 @@ def rest(case: Parameters, resolution: int) -> Run:
     liquids = (Liquid("around", DENSITY, case.viscosity), Liquid("drop", DENSITY * case.density_ratio, case.viscosity))
     effects = {"viscosity_implicit": {}, "interface_tension": {"coefficient": case.tension}}
     solver = build(case, arrays, liquids=liquids, effects=effects,
-                   phase=lambda x: np.linalg.norm(x, axis=1) < case.radius,
+                   phase=lambda x: _inside(case, x),
                    maximum_time_step=case.largest_step * np.sqrt(case.radius / resolution / GRAVITY))
     return advance(solver, case.rest_times * _time(case), f"R/dx={resolution}", currents)
+
+
+def _inside(case: Parameters, x: np.ndarray) -> np.ndarray:
+    """Which points belong to the drop of the start; square or round, it has the same volume."""
+    if case.start == "round":
+        return np.linalg.norm(x, axis=1) < case.radius
+    side = case.radius * {2: np.sqrt(np.pi), 3: np.cbrt(4.0 / 3.0 * np.pi)}[case.dimension]
+    return np.abs(x).max(axis=1) < 0.5 * side
+
+
+def radii(solver) -> np.ndarray:
+    """Distances of the points of the interface from their center, m."""
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    count = tension.point_count[None]
+    point, area = tension.point.to_numpy()[:count].astype(float), tension.point_area.to_numpy()[:count]
+    return np.linalg.norm(point - np.average(point, axis=0, weights=area), axis=1)
 
 
 def _time(case: Parameters) -> float:
@@ -95,7 +117,13 @@ def _rows(case: Parameters, result: Run) -> list[Row]:
     current = case.viscosity * result.values("speed") / case.tension
     late = current[-max(1, len(current) // 20):].mean()
     middle = current[len(current) // 2: len(current) // 2 + max(1, len(current) // 20)].mean()
-    return [compared("pressure jump", jump, case.tension * (case.dimension - 1) / radius,
+    rows = []
+    if case.start == "square":
+        found = radii(result.solver) if not result.failure else np.array([np.nan])
+        rows = [bounded("scatter of the radii of the interface / mean", found.std() / found.mean(), ROUND, **common),
+                compared("mean radius of the interface", found.mean(), radius, ROUND, "m", **common)]
+    return [*rows,
+            compared("pressure jump", jump, case.tension * (case.dimension - 1) / radius,
                      JUMP_TOLERANCE[case.dimension], "Pa", **common),
             bounded("viscosity x largest speed / tension at the end", float(late), CURRENT_TOLERANCE, **common),
             Row("largest speed at the end over that at half time", float(late / middle), reference=0.0,
