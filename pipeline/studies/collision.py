@@ -6,7 +6,6 @@ yolk holds together (Fig. 9). Beside them stands the share of the computing time
 the paper and the text after it name 20 to 30 %.
 """
 import dataclasses
-import io
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.picture_grid import as_png, draw_particles, panels
 from pipeline.scene import Scene, load_resolved
 from pipeline.study_model import Outcome, Row
 from sim.parameters import parameter
@@ -167,19 +167,13 @@ def _eggs(runs: list[Run]) -> list[tuple[Row, str]]:
 
 def _contact_sheet(runs: list[Run], count: int) -> bytes:
     """All scenes, a row each, at some times, seen from the front and a little from the right and above, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=(2.6 * count, 1.9 * len(runs)), layout="constrained")
-    grid = FigureCanvasAgg(canvas).figure.subplots(len(runs), count, squeeze=False)
+    canvas, grid = panels(len(runs), count, (2.6, 1.9))
     for row, each in zip(grid, runs, strict=True):
         indices = np.rint(np.linspace(0, len(each.frames) - 1, count)).astype(int)
         for axes, index in zip(row, indices, strict=True):
             _draw(axes, each.scene, each.frames[index])
         row[0].set_title(each.scene.title, fontsize=8, loc="left")
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, dpi=75, format="png")
-    return buffer.getvalue()
+    return as_png(canvas, dpi=75)
 
 
 def seen(points: np.ndarray) -> np.ndarray:
@@ -191,7 +185,6 @@ def seen(points: np.ndarray) -> np.ndarray:
 
 
 def _draw(axes, scene: Scene, frame: FrameData) -> None:
-    from matplotlib.collections import EllipseCollection
     from matplotlib.colors import to_rgb
 
     size = np.array(scene.container.size)
@@ -202,8 +195,7 @@ def _draw(axes, scene: Scene, frame: FrameData) -> None:
     near = (place[:, 2] - place[:, 2].min()) / max(np.ptp(place[:, 2]), 1e-30)
     color = np.array([to_rgb(liquid.color) for liquid in scene.liquids])[frame.phase] * (0.6 + 0.4 * near)[:, None]
     diameter = np.full(len(order), 1.1 * frame.particle_spacing)
-    axes.add_collection(EllipseCollection(diameter, diameter, 0.0, units="xy", offsets=place[order, :2],
-                                          facecolors=color[order], lw=0.0, offset_transform=axes.transData))
+    draw_particles(axes, place[order, :2], diameter, color[order])
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     for funnel in scene.container.funnels:
         for radius, height in ((funnel.lower_radius, 0.0), (funnel.upper_radius, funnel.height)):

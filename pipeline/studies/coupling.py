@@ -7,7 +7,6 @@ it, where a scene has no viscosity). The viscous power of a frame is the sum ove
 artifact of the interface is a particle whose neighbors are of the other liquid (metric `isolated_particles`).
 """
 import dataclasses
-import io
 import math
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.frames import FrameData, find_frames, read_frame
 from pipeline.metrics_table import read_table
+from pipeline.picture_grid import as_png, draw_particles, evenly, panels, show_box
 from pipeline.scene import Scene, load_resolved
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
@@ -28,6 +28,7 @@ FIGURES = (
            "(energy above rest + viscous work) / start"),
     Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles"),
 )
+PANEL = 3.0  # width of a picture, in inches
 PICTURES = ("coupling_pictures",)
 OURS = "volume_incompressible"
 SIMILAR = 0.25  # relative difference of computing times that counts as about the same
@@ -210,29 +211,16 @@ def _claims(methods: list[Method], reference: int) -> list[tuple[Row, str]]:
 
 def _side_by_side(methods: list[Method], count: int) -> bytes:
     """Picture of all methods at the same times, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.figure import Figure as Canvas
-
-    last = min(len(method.paths) for method in methods) - 1
-    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
-    width, height = methods[0].scene.container.size[:2]
-    panel = 3.0
-    canvas = Canvas(figsize=(panel * len(methods) + 0.4, (panel * height / width + 0.1) * len(indices) + 0.5),
-                    layout="constrained")
-    grid = FigureCanvasAgg(canvas).figure.subplots(len(indices), len(methods), squeeze=False)
+    indices = evenly(count, min(len(method.paths) for method in methods))
+    size = methods[0].scene.container.size[:2]
+    canvas, grid = panels(len(indices), len(methods), (PANEL, PANEL * size[1] / size[0] + 0.1), (0.4, 0.5))
     for column, method in zip(grid.T, methods, strict=True):
         column[0].set_title(method.name.replace("_", " "), fontsize=11)
         for axes, index in zip(column, indices, strict=True):
             frame = read_frame(method.paths[index])
-            diameter = frame.volume.astype(float) ** (1.0 / frame.dimension)
-            color = np.array([liquid.color for liquid in method.scene.liquids])[frame.phase]
-            axes.add_collection(EllipseCollection(
-                diameter, diameter, 0.0, units="xy", offsets=frame.position[:, :2], facecolors=color, lw=0.0,
-                offset_transform=axes.transData))
-            axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal", xticks=[], yticks=[])
+            draw_particles(axes, frame.position[:, :2], frame.volume.astype(float) ** (1.0 / frame.dimension),
+                           np.array([liquid.color for liquid in method.scene.liquids])[frame.phase])
+            show_box(axes, size)
             if axes in grid[:, 0]:
                 axes.set_ylabel(f"{frame.time:.2f} s", fontsize=11)
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, dpi=150, format="png")
-    return buffer.getvalue()
+    return as_png(canvas, dpi=150)

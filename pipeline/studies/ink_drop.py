@@ -6,7 +6,6 @@ same everywhere); and the entropy of mixing, the mean of -sum alpha ln alpha ove
 same everywhere). Both count what is mixed within particles; stirring alone, as with D_m = 0, changes neither.
 """
 import dataclasses
-import io
 import itertools
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from pipeline.frames import find_frames, read_frame
 from pipeline.mixing_metrics import entropy
+from pipeline.picture_grid import as_png, draw_particles, evenly, panels, show_box
 from pipeline.scene import Scene, load_resolved
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
@@ -22,6 +22,7 @@ FIGURES = (
     Figure("ink_drop_variance", "Variance of the volume fraction of ink", "time / s", "variance / unmixed"),
     Figure("ink_drop_entropy", "Entropy of mixing", "time / s", "entropy / evenly mixed"),
 )
+PANEL = 3.2  # width of a picture, in inches
 PICTURES = ("ink_drop_pictures",)
 LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
 OUTPUTS = Path("outputs")
@@ -116,33 +117,22 @@ def _load(name: str, ink: str) -> Mixture:
 
 def _rows_of_pictures(mixtures: list[Mixture], count: int) -> bytes:
     """A row for every scene, at the same times from left to right, as PNG; colors mix as the fractions do."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import EllipseCollection
     from matplotlib.colors import to_rgb
-    from matplotlib.figure import Figure as Canvas
 
-    last = min(len(mixture.paths) for mixture in mixtures) - 1
-    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
-    width, height = mixtures[0].scene.container.size[:2]
-    panel = 3.2
-    canvas = Canvas(figsize=(panel * len(indices) + 0.4, (panel * height / width + 0.1) * len(mixtures) + 0.4),
-                    layout="constrained")
-    grid = FigureCanvasAgg(canvas).figure.subplots(len(mixtures), len(indices), squeeze=False)
+    indices = evenly(count, min(len(mixture.paths) for mixture in mixtures))
+    size = mixtures[0].scene.container.size[:2]
+    canvas, grid = panels(len(mixtures), len(indices), (PANEL, PANEL * size[1] / size[0] + 0.1), (0.4, 0.4))
     for row, mixture in zip(grid, mixtures, strict=True):
         colors = np.array([to_rgb(liquid.color) for liquid in mixture.scene.liquids])
         for axes, index in zip(row, indices, strict=True):
             frame = read_frame(mixture.paths[index])
             diameter = 1.15 * frame.volume.astype(float) ** (1.0 / frame.dimension)  # no gaps between particles
-            axes.add_collection(EllipseCollection(
-                diameter, diameter, 0.0, units="xy", offsets=frame.position[:, :2], lw=0.0,
-                facecolors=np.clip(frame.volume_fraction.astype(float) @ colors, 0.0, 1.0),
-                offset_transform=axes.transData))
-            axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal", xticks=[], yticks=[])
+            draw_particles(axes, frame.position[:, :2], diameter,
+                           np.clip(frame.volume_fraction.astype(float) @ colors, 0.0, 1.0))
+            show_box(axes, size)
             axes.text(0.98, 0.97, f"variance {mixture.variance[index]:.2f}, entropy {mixture.entropy[index]:.2f}",
                       transform=axes.transAxes, ha="right", va="top", fontsize=9)
             if axes in grid[0]:
                 axes.set_title(f"{frame.time:.2f} s", fontsize=11)
         row[0].set_ylabel(f"D_m = {mixture.coefficient:g} m²/s", fontsize=11)
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, dpi=110, format="png")
-    return buffer.getvalue()
+    return as_png(canvas, dpi=110)

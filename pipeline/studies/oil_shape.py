@@ -5,12 +5,12 @@ pi^(1/3) (6 V)^(2/3) / A (1 for a ball, less for oil that the eye flattens or th
 with the aqueous (the part of A that is farther than half a particle spacing from the wall), and the number of bodies.
 """
 import dataclasses
-import io
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.frames import find_frames, read_frame
+from pipeline.picture_grid import as_png, evenly, panels
 from pipeline.scene import Scene, load_resolved
 from pipeline.study_model import Curve, Figure, Outcome, Row
 from pipeline.surface_files import read_surface, surface_path
@@ -20,6 +20,7 @@ FIGURES = (
     Figure("oil_sphericity", "Sphericity of the oil", "time / s", "surface of a ball of this volume / surface"),
     Figure("oil_interface", "Area between oil and aqueous", "time / s", "interface / cross-section of the eye"),
 )
+PANEL = 5.0  # width of a picture, in inches
 PICTURES = ("oil_shape_pictures",)
 READS = ("frames", "surfaces", "images")
 OUTPUTS = Path("outputs")
@@ -111,21 +112,14 @@ def measured(surface, spacing: float) -> tuple[float, float, int]:
 
 def _side_by_side(oils: list[Oil], count: int) -> bytes:
     """The pictures of all scenes at the same times, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
     from matplotlib.image import imread
 
-    last = min(len(oil.pictures) for oil in oils) - 1
-    indices = np.unique(np.rint(np.linspace(0, last, count + 1)[1:]).astype(int))
+    indices = evenly(count, min(len(oil.pictures) for oil in oils))
     height, width = imread(oils[0].pictures[0]).shape[:2]
-    panel = 5.0
-    canvas = Canvas(figsize=(panel * len(oils), panel * height / width * len(indices) + 0.4), layout="constrained")
-    grid = FigureCanvasAgg(canvas).figure.subplots(len(indices), len(oils), squeeze=False)
+    canvas, grid = panels(len(indices), len(oils), (PANEL, PANEL * height / width), (0.0, 0.4))
     for column, oil in zip(grid.T, oils, strict=True):
         column[0].set_title(oil.scene.title, fontsize=11)
         for axes, index in zip(column, indices, strict=True):
             axes.imshow(imread(oil.pictures[index]))
             axes.axis("off")
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, dpi=110, format="png")
-    return buffer.getvalue()
+    return as_png(canvas, dpi=110)
