@@ -48,6 +48,7 @@ rule all:
         expand("outputs/{scene}/movie.mp4", scene=flow.names),
         expand("outputs/{scene}/metrics.csv", scene=flow.names),
         expand("outputs/{scene}/advice.html", scene=flow.names),
+        expand("outputs/{scene}/effects.html", scene=flow.names),
         expand("outputs/{scene}/frames/frames.pvd", scene=flow.names),
     message: "all done: {input}"
 
@@ -117,6 +118,7 @@ rule simulate:
     output:
         frames=directory(FRAMES),
         checkpoint="outputs/{scene}/checkpoints/segment_{segment}.npz",
+        costs="outputs/{scene}/costs/segment_{segment}.json",
     params:
         depends=flow.depends("simulate"),
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
@@ -127,7 +129,26 @@ rule simulate:
     priority: 10  # everything waits for the simulation
     shell:
         "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
-        " --frames {output.frames} --checkpoint {output.checkpoint} 2>&1 | tee {log}"
+        " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} 2>&1 | tee {log}"
+
+
+rule effects:
+    input:
+        scene=SCENE,
+        costs=lambda w: expand("outputs/{scene}/costs/segment_{segment}.json", scene=w.scene,
+                               segment=flow.segments(w.scene)),
+    output:
+        page=report("outputs/{scene}/effects.html", category="{scene}", caption="docs/report/effects.rst",
+                    labels={"what": "8 effects: memory, kernels, time"}),
+        table=report("outputs/{scene}/effects.csv", category="{scene}", caption="docs/report/effects.rst",
+                     labels={"what": "8 effects (CSV)"}),
+    params:
+        depends=flow.depends("effects"),
+    log: "outputs/{scene}/logs/effects.log",
+    message: "{wildcards.scene}: add up what the effects cost"
+    shell:
+        "python -m pipeline.effects {input.scene} {input.costs} --page {output.page} --table {output.table}"
+        " 2>&1 | tee {log}"
 
 
 rule index_frames:

@@ -33,6 +33,8 @@ UNREAD = {
                     "output.image_size", "liquids.color", "liquids.source"),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
                "liquids.color", "liquids.source"),
+    "effects": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes", "liquids",
+                "output"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
     "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
                 "liquids.color", "liquids.source"),

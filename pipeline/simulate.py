@@ -1,5 +1,7 @@
 """Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
 import argparse
+import dataclasses
+import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,12 +12,14 @@ from pipeline.advise import report_of, text_of
 from pipeline.blocks import contains
 from pipeline.cli import run
 from pipeline.errors import UserError
-from pipeline.files import replacing_folder
+from pipeline.files import replacing_folder, write_text
 from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
 from pipeline.initial import load_initial
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 from pipeline.scene_model import Block
+
+WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 
 
 def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
@@ -121,18 +125,23 @@ class Average:
         return summary
 
 
-def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
+def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> dict:
     """Advance `solver` over one segment and write its frames into `folder`.
+
+    Returns
+    -------
+    Times of the solver's parts after the steps of the warm-up (`sim.costs.times`); empty if there were no more steps.
 
     Raises
     ------
     UserError
         When the run goes bad; the message names the step and what failed.
     """
+    from sim.costs import times
     from sim.errors import RunError
 
     frames = scene.frames_of_segment(segment)
-    average = Average()
+    average, first, warm = Average(), solver.step_count, {}
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
     with progress(len(frames), label) as bar:
         for index in frames:
@@ -142,6 +151,8 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
             try:
                 for dt in solver.advance(until):
                     average.add(solver.statistics)
+                    if solver.step_count == first + WARM_UP:
+                        warm = times(solver)
                     bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
                                         f"{solver.statistics['pressure_iterations']} pressure iterations")
                     bar.update(dt / (until - begin))
@@ -159,6 +170,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> None:
             statistics = average.take()
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
+    return warm if solver.step_count > first + WARM_UP else {}
 
 
 def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> None:
@@ -194,6 +206,16 @@ def print_timings(solver) -> None:
         print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
 
 
+def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
+    """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON)."""
+    from sim.costs import allocated, costs
+
+    parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
+    numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
+               "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None]}
+    write_text(path, json.dumps(numbers | {"scheme": solver.scheme.name, "parts": parts}, indent=1) + "\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """Command line of the stage."""
     p = argparse.ArgumentParser(prog="python -m pipeline.simulate", description=__doc__)
@@ -203,6 +225,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--restart", type=Path, help="checkpoint to start from: that of the segment before")
     p.add_argument("--frames", type=Path, required=True, help="folder of frames to write")
     p.add_argument("--checkpoint", type=Path, required=True, help="checkpoint to write at the end")
+    p.add_argument("--costs", type=Path, metavar="FILE.json", help="what every effect has cost (default: not written)")
     p.add_argument("--threads", type=int, help="threads of the solver (default: numerics.threads of the scene)")
     return p
 
@@ -220,6 +243,7 @@ def main() -> None:
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
+    from sim.costs import counted_launches
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, scene.numerics.threads if arguments.threads is None else arguments.threads)
@@ -231,9 +255,13 @@ def main() -> None:
         restore(solver, state, arguments.restart)
         if arguments.segment == 0:  # the end of another scene is the start of this one
             solver.time, solver.step_count = 0.0, 0
+    steps = solver.step_count
     with replacing_folder(arguments.frames) as folder:
-        simulate_segment(scene, solver, arguments.segment, folder)
+        with counted_launches() as launches:
+            warm = simulate_segment(scene, solver, arguments.segment, folder)
         save_checkpoint(arguments.checkpoint, solver.state())
+    if arguments.costs:
+        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)
     print_timings(solver)
 
 

@@ -90,7 +90,8 @@ def test_simulation_depends_on_the_effects_of_its_scene_only():
 
 
 def test_every_stage_has_a_digest_that_ignores_the_solver_where_it_is_not_run():
-    for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames"):
+    for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames",
+                  "effects"):
         used = digest.modules_used(f"pipeline.{stage}", {"gravity"})
         assert ROOT / "pipeline" / f"{stage}.py" in used
         assert ROOT / "sim" / "solver.py" not in used, stage
@@ -139,7 +140,7 @@ def finished(tmp_path_factory, can_draw):
 
 def targets(can_draw):
     """Return what to make of `tiny`; pictures only where they can be drawn."""
-    names = ["metrics.csv", "frames/frames.pvd", "surfaces/segment_000", "surfaces/segment_001"]
+    names = ["metrics.csv", "effects.html", "frames/frames.pvd", "surfaces/segment_000", "surfaces/segment_001"]
     return [f"outputs/tiny/{name}" for name in names + ["movie.mp4"] * can_draw]
 
 
@@ -161,6 +162,7 @@ def test_tiny_scene_makes_everything(finished, can_draw):
     assert {path.name for path in (folder / "logs").iterdir()} >= {"scene.log", "simulate_000.log", "metrics.log"}
     left_over = [path for path in folder.rglob(".*") if path.name != ".snakemake_timestamp"]
     assert not left_over
+    assert "interface_tension" in (folder / "effects.csv").read_text()
 
 
 def test_finished_run_has_nothing_to_do(finished, can_draw):

@@ -1,0 +1,173 @@
+"""What the parts of a solver cost: fields and bytes allocated, kernels compiled and launched, time.
+
+The parts are the particles, the neighbors, the solver with the loop that all effects share, the scheme, and every
+effect. Whose a field is follows from who declares it or holds it; whose a kernel is, from the object that it was
+compiled for, or where it sorts a field, from the field. All is read off afterwards: while the solver runs nothing is
+counted but launches, one addition each, and only if asked for.
+"""
+import contextlib
+import dataclasses
+import math
+import weakref
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+
+import numpy as np
+import taichi as ti
+from taichi._snode.fields_builder import FieldsBuilder
+from taichi.lang.impl import get_runtime
+from taichi.lang.kernel_impl import Kernel
+from taichi.lang.util import to_numpy_type
+
+PARTICLES, NEIGHBORS, SOLVER = "particles", "neighbors", "solver"
+SHARED_HOOKS = ("body_acceleration", "pair_acceleration", "wall_acceleration")
+# Rows of `solver.seconds` that belong to no effect and not to the scheme.
+SHARED_TIMES = {"neighbors": NEIGHBORS, "accelerations": SOLVER, "time step": SOLVER}
+
+
+@dataclasses.dataclass
+class Cost:
+    """What one part costs.
+
+    Attributes
+    ----------
+    fields, bytes : Taichi fields that it holds, and their memory; a field belongs to the first part that declares it.
+    kernels, launches : kernels compiled for it, and how often they were started.
+    seconds, cpu_seconds : time in it, by the clock and of all cores.
+    hooks : what it adds to the loop of all effects, whose time counts for the solver.
+    """
+
+    part: str
+    fields: int = 0
+    bytes: int = 0
+    kernels: int = 0
+    launches: int = 0
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    hooks: tuple[str, ...] = ()
+
+
+@contextlib.contextmanager
+def counted_launches() -> Iterator[Counter]:
+    """Count how often every compiled kernel is launched, by its handle, while the context is open."""
+    launch, launches = Kernel.launch_kernel, Counter()
+
+    def counted(kernel, compiled, *arguments):
+        launches[compiled] += 1
+        return launch(kernel, compiled, *arguments)
+
+    Kernel.launch_kernel = counted
+    try:
+        yield launches
+    finally:
+        Kernel.launch_kernel = launch
+
+
+def size_of(field) -> int:
+    """Memory of a Taichi field, bytes."""
+    return math.prod(field.shape) * len(field.vars) * np.dtype(to_numpy_type(field.dtype)).itemsize
+
+
+def allocated() -> int:
+    """Memory of all fields of this process as Taichi has laid it out, bytes: their sizes, rounded up to 8 each."""
+    get_runtime().materialize()
+    return sum(root._cell_size_bytes for root in FieldsBuilder._finalized_roots())
+
+
+class Owners:
+    """Which part of a solver every field and every object of it belongs to.
+
+    Parameters
+    ----------
+    solver : its parts, in the order in which they claim what they hold: a field that two effects share is the first's.
+    """
+
+    def __init__(self, solver):
+        self.fields: dict[int, tuple[str, object]] = {}
+        self.objects: dict[int, str] = {}
+        self.parts = [PARTICLES, NEIGHBORS, SOLVER, solver.scheme.name, *(effect.name for effect in solver.effects)]
+        particles = solver.particles
+        self.objects[id(particles)] = PARTICLES
+        declarers = [*((solver.scheme.name, f) for f in solver.scheme.fields),
+                     *((effect.name, f) for effect in solver.effects for f in effect.fields)]
+        own = {f.name for _, f in declarers}
+        first = {}
+        for part, field in [*((PARTICLES, f) for f in particles.declared.values() if f.name not in own), *declarers]:
+            self._claim(part, particles.arrays[field.name])
+            if field.carried:
+                first.setdefault(field.kind, part)  # the buffer that sorts all fields of a kind
+        for field, buffer in zip((f for f in particles.declared.values() if f.carried), particles.buffers, strict=True):
+            self._claim(first[field.kind], buffer)
+        roots = {id(effect): effect.name for effect in solver.effects} | {
+            id(solver.scheme): solver.scheme.name, id(solver): SOLVER}
+        self.objects |= roots
+        self._claim(PARTICLES, *vars(particles).values())
+        self._claim(NEIGHBORS, solver.search, solver.walls, solver.distance, solver.kernel)
+        for one in (solver, solver.scheme, *solver.effects):
+            self._claim(roots[id(one)], *vars(one).values())
+
+    def _claim(self, part: str, *values) -> None:
+        """Give a part everything that can be reached from values and belongs to none yet."""
+        waiting = list(values)
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, ti.Field):
+                self.fields.setdefault(id(value), (part, value))
+            elif isinstance(value, list | tuple):
+                waiting += value
+            elif isinstance(value, dict):
+                waiting += value.values()
+            elif type(value).__module__.startswith("sim.") and id(value) not in self.objects:
+                self.objects[id(value)] = part
+                waiting += getattr(value, "__dict__", {}).values()
+
+    def of_kernel(self, features: tuple) -> str | None:
+        """Part that a kernel was compiled for, from what its template arguments were; None for one of nobody here."""
+        owner = features[0]() if features and isinstance(features[0], weakref.ref) else None
+        part = self.objects.get(id(owner))
+        if part == PARTICLES:  # a buffer belongs to the first part with a field of its kind, the field to a later one
+            parts = [self.fields[id(one)][0] for one in features[1:] if id(one) in self.fields]
+            part = max(parts, key=self.parts.index, default=part)
+        return part
+
+
+def compiled_kernels() -> Iterator[tuple[object, object, tuple]]:
+    """All kernels that this process has compiled: the function, the handle, and what the template arguments were."""
+    for kernel in get_runtime().kernels:
+        features = {instance: key for key, instance in kernel.mapper.mapping.items()}
+        for (function, instance, _), handle in kernel.compiled_kernels.items():
+            yield function, handle, features[instance]
+
+
+def times(solver) -> dict[str, tuple[float, float]]:
+    """Time by the clock and of all cores in every timed row of a solver so far, s."""
+    return {name: (seconds, solver.cpu_seconds[name]) for name, seconds in solver.seconds.items()}
+
+
+def costs(solver, launches: Mapping = MappingProxyType({}), before: Mapping = MappingProxyType({})) -> list[Cost]:
+    """Return what every part of a solver has cost so far.
+
+    Parameters
+    ----------
+    launches : what :func:`counted_launches` has counted.
+    before : what :func:`times` gave earlier, to leave out the first steps, in which kernels are compiled.
+    """
+    owners = Owners(solver)
+    found = {part: Cost(part) for part in owners.parts}
+    for part, field in owners.fields.values():
+        found[part].fields += 1
+        found[part].bytes += size_of(field)
+    for _, handle, features in compiled_kernels():
+        part = owners.of_kernel(features)
+        if part is not None:
+            found[part].kernels += 1
+            found[part].launches += launches.get(handle, 0)
+    for name, (seconds, cpu_seconds) in times(solver).items():
+        part = found[SHARED_TIMES.get(name, name if name in found else solver.scheme.name)]
+        part.seconds += seconds - before.get(name, (0.0, 0.0))[0]
+        part.cpu_seconds += cpu_seconds - before.get(name, (0.0, 0.0))[1]
+    for effect in solver.effects:
+        found[effect.name].hooks = tuple(
+            hook for hook in SHARED_HOOKS if effect in getattr(solver, f"{hook}_effects"))
+    return list(found.values())
