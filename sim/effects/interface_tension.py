@@ -139,13 +139,14 @@ class InterfaceTension(Effect):
             area = ti.cast(0.0, ti.f64)
             jump = ti.cast(0.0, ti.f64)
             slope = ti.cast(0.0, ti.f64)
-            for k in range(self.level_set.band_count[None]):
+            for k in range(self.level_set.band_and_rim_count[None]):
                 n = self.level_set.band[k]
                 for d in ti.static(range(self.dimension)):
                     m = n + self.level_set.steps[d]
                     p, q = self.level_set.phi[n], self.level_set.phi[m]
-                    if (p > 0.0) != (q > 0.0) and self.grid.values[m] <= 0.0:
-                        t = p / (p - q)
+                    t = p / (p - q)
+                    wall, wall_next = self.grid.values[n], self.grid.values[m]
+                    if (p > 0.0) != (q > 0.0) and wall + t * (wall_next - wall) <= 0.0:
                         g = (1.0 - t) * self.level_set.normal[n] + t * self.level_set.normal[m]
                         length = ti.max(g.norm(), 1e-6)
                         x = self.grid.origin + t * self.grid.cell * ti.Vector.unit(self.dimension, d)
