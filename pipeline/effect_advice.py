@@ -12,6 +12,7 @@ from pipeline.time_step_limits import Limit
 from sim.effects import REGISTRY
 from sim.effects.contact_line_emulsification import shear_per_distance, volume_per_shear
 from sim.effects.drift import rise_speed
+from sim.lazy import cheapest
 
 # In particle spacings: what moves, spreads or acts over less than one is lost between neighboring particles.
 SEEN = 1.0
@@ -244,7 +245,10 @@ def _cost_of_viscosity(scales: Scales, name: str, limits: list[Limit]) -> Found:
     if name == "viscosity" and steps > IMPLICIT_STEP_COST:
         yield Advice(WARNING, name, f"viscosity_implicit would be cheaper: explicit viscosity takes {steps:.3g} steps "
                                     f"for one that everything else allows (cheaper up to {IMPLICIT_STEP_COST:g})")
-    if name == "viscosity_implicit" and steps <= 1.0:
+    replaced = [note for note in cheapest(scales.scene.settings())[1] if note.startswith(name)]
+    if name == "viscosity_implicit" and replaced:
+        yield Advice(NOTE, name, replaced[0].removeprefix(f"{name} "))
+    elif name == "viscosity_implicit" and steps <= 1.0:
         yield Advice(WARNING, name, f"explicit viscosity would be cheaper: it needs no solve and {steps:.2g} steps for "
                                     "one that everything else allows, so up to 1 it costs no further step")
 

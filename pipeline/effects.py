@@ -84,6 +84,7 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str
             "loop of all effects counts for the solver; the rows of the neighbors are as wide as the effects need; a "
             "field that two effects share counts for the first.</p>"
             f"<table><tr>{heads}</tr>{''.join(body)}</table>"
+            f"{''.join(f'<p>{html.escape(note)}.</p>' for note in last['notes'])}"
             f"<p>Not called for, so that nothing of them is allocated, compiled or launched: "
             f"{html.escape(', '.join(absent(scene)))}.</p></body></html>\n")
 

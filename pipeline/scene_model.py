@@ -159,7 +159,7 @@ class Scene:
         """Return what the solver needs: no names of files, no pictures."""
         liquids = tuple(Liquid(liquid.name, liquid.density, liquid.dynamic_viscosity) for liquid in self.liquids)
         return Settings(self.dimension, liquids, self.numerics, tuple(self.effects.values()), self.closed,
-                        self.schemes.get(self.numerics.scheme))
+                        self.schemes.get(self.numerics.scheme), continued=self.start_from is not None)
 
     def to_json(self) -> str:
         """Return the scene as JSON text, the same text for the same scene."""

@@ -66,20 +66,24 @@ def initial_velocity(scene: Scene, position: np.ndarray) -> np.ndarray:
 
 
 def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
-    """Solver of a scene at t = 0; Taichi must run already."""
+    """Solver of a scene at t = 0, with every effect in its cheapest form; Taichi must run already."""
     from sim.effects.gravity import POSTURES
+    from sim.lazy import cheapest
     from sim.solver import Solver
 
     gravity = scene.effects.get("gravity")
     posture = POSTURES[gravity.posture] if gravity else POSTURES["upright"]
     position = initial["fluid_position"]
     phases = initial_phases(scene, position, np.array(posture[: position.shape[1]]))
-    return Solver(
-        scene.settings(), fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
+    settings, notes = cheapest(scene.settings())
+    solver = Solver(
+        settings, fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
         fluid_velocity=initial_velocity(scene, position),
         wall_position=initial["wall_position"], wall_volume=initial["wall_volume"],
         wall_depth=initial["wall_distance"], sdf_values=initial["sdf_values"], sdf_origin=initial["sdf_origin"],
         sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"])
+    solver.notes = [*notes, *solver.notes]
+    return solver
 
 
 def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
@@ -212,8 +216,9 @@ def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
 
     parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
     numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
-               "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None]}
-    write_text(path, json.dumps(numbers | {"scheme": solver.scheme.name, "parts": parts}, indent=1) + "\n")
+               "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None],
+               "scheme": solver.scheme.name, "notes": solver.notes}
+    write_text(path, json.dumps(numbers | {"parts": parts}, indent=1) + "\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -251,6 +256,8 @@ def main() -> None:
         solver = build_solver(scene, initial)
     except OverflowError as error:
         raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again") from error
+    for note in solver.notes:
+        print(f"{scene.name}: {note}", flush=True)
     if state:
         restore(solver, state, arguments.restart)
         if arguments.segment == 0:  # the end of another scene is the start of this one

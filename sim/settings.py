@@ -53,7 +53,7 @@ class Settings:
     completely; where they do not, they have a free surface. ``scheme`` holds the parameters of the scheme that
     ``numerics.scheme`` names, ``None`` for its defaults. ``periods`` holds, for every axis, the length, m, after which
     the liquids repeat, 0 where they do not; empty: no axis repeats. A periodic axis d runs from -periods[d]/2 to
-    periods[d]/2.
+    periods[d]/2. ``continued`` tells that the start is the end of another scene, in which the liquids may have mixed.
     """
 
     dimension: int
@@ -63,3 +63,4 @@ class Settings:
     closed: bool = True
     scheme: object | None = None
     periods: tuple[float, ...] = ()
+    continued: bool = False

@@ -8,6 +8,7 @@ from sim import effects as effect_registry
 from sim import schemes
 from sim.errors import RunError
 from sim.fields import Field, ParticleStore
+from sim.lazy import without_idle
 from sim.neighbor_search import NeighborSearch, corners
 from sim.runtime import real_numpy
 from sim.settings import Settings
@@ -35,7 +36,7 @@ class Solver:
 
     Parameters
     ----------
-    settings : liquids, numerics and active effects.
+    settings : liquids, numerics and effects; of these, those that do nothing are left out, and `notes` says why.
     fluid_position, fluid_volume, fluid_phase : (n, d), (n,), (n,) arrays of the liquid particles, SI.
     wall_position, wall_volume, wall_depth : (m, d), (m,), (m,) arrays of the wall particles, SI.
     sdf_values, sdf_origin, sdf_cell : signed distance of the cavity, negative inside.
@@ -45,6 +46,8 @@ class Solver:
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
                  wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None):
+        given = {type(p) for p in settings.effects}
+        settings, self.notes = without_idle(settings)
         self.settings = settings
         numerics = settings.numerics
         self.dimension = settings.dimension
@@ -62,10 +65,10 @@ class Solver:
 
         order = [type(p) for p in settings.effects]
         classes = [c for c in effect_registry.REGISTRY.values() if c.Parameters in order]
-        active = {c.name for c in classes}
+        present = {c.name for c in effect_registry.REGISTRY.values() if c.Parameters in given}
         for c in classes:
             for needed in c.requires:
-                if needed not in active:
+                if needed not in present:
                     raise ValueError(f"effect '{c.name}' needs effect '{needed}', which is not active")
             if any(settings.periods) and not c.periodic:
                 raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")

@@ -36,7 +36,7 @@ def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING, period
 
 
 def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="f64", filled=None, velocity=None,
-          scheme_parameters=None, **numerics) -> Solver:
+          scheme_parameters=None, continued=False, **numerics) -> Solver:
     """Return a solver in a cavity; functions of the positions give phase, velocity and, with a free surface, liquid.
 
     By default the upper half is oil, everything is at rest and the cavity is full; `filled` marks what is liquid.
@@ -48,7 +48,7 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
     phase = (position[:, 1] > 0.0) if phase is None else phase(position)
     settings = Settings(
         dimension=position.shape[1], liquids=tuple(liquids), effects=tuple(effects), closed=filled is None,
-        scheme=scheme_parameters, periods=tuple(arrays.get("periods", ())),
+        scheme=scheme_parameters, continued=continued, periods=tuple(arrays.get("periods", ())),
         numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), precision=precision, **numerics))
     return Solver(settings, fluid_position=position, fluid_volume=volume,
                   fluid_velocity=None if velocity is None else velocity(position),

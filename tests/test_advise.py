@@ -190,7 +190,8 @@ THIN = "liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 1 mPa s}}\
     # Bo = 35 kg/m3 x 9.81 m/s2 x (49 mm)^2 / 40 mN/m = 21: tension may be left out. The limit of explicit viscosity is
     # 0.125 (5 mm)^2 x 970 kg/m3 / 1 Pa s = 3 ms, above the largest step of 2 ms; with 2.5 mm it is 0.76 ms, below it.
     (f"effects: {{{GRAVITY}, viscosity: {{}}}}", {}),
-    (f"effects: {{{GRAVITY}, viscosity_implicit: {{}}}}",
+    (f"effects: {{{GRAVITY}, viscosity_implicit: {{}}}}", {}),  # it is advanced explicitly
+    (f"effects: {{{GRAVITY}, viscosity_implicit: {{form: strain}}}}",
      {"viscosity_implicit": "explicit viscosity would be cheaper: it needs no solve and 0.66 steps"}),
     (f"effects: {{{GRAVITY}, viscosity: {{}}}}\nnumerics: {{particle_spacing: 2.5 mm}}",
      {"viscosity": "viscosity_implicit would be cheaper: explicit viscosity takes 2.64 steps"}),

@@ -129,7 +129,7 @@ def test_pressure_of_a_mixture_at_rest(closed):
         liquids=(Liquid("heavy", 1000.0, 1e-3), Liquid("light", 500.0, 1e-3)),
         phase=lambda x: np.zeros(len(x)), filled=None if closed else lambda x: x[:, 1] < height - 16e-3,
         effects=(cavities.parameters("gravity"), cavities.parameters("viscosity", form="laplacian"),
-                 cavities.parameters("diffusion", coefficient=0.0)), maximum_time_step=2e-4)
+                 cavities.parameters("diffusion", coefficient=0.0)), maximum_time_step=2e-4, continued=True)
     (position,) = cavities.read(solver, "position")
     light = (position[:, 1] - position[:, 1].min() + 0.5 * spacing) / height
     diffusion.set_fractions(solver, np.stack([1.0 - light, light], axis=1))

@@ -35,12 +35,15 @@ class Adhesion(Effect):
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
         self.beta = parameters.beta
-        self.unused_hooks = ("wall_acceleration",) if parameters.beta == 0.0 else ()
         names = [liquid.name for liquid in solver.liquids]
         self.liquid = -1 if parameters.liquid is None else names.index(parameters.liquid)
         self.likeness = Likeness(solver)
         self.support, self.walls = solver.support_radius, solver.walls
         self.scale = {2: 0.01083 / self.support**2, 3: 0.007 / self.support**3}[solver.dimension]
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.beta else "its beta is 0 N m3/kg2"
 
     @ti.func
     def spline(self, r):

@@ -64,6 +64,10 @@ class Cohesion(Effect):
         self.support = solver.support_radius
         self.scale = {2: 12.83 / self.support**2, 3: 32.0 / (math.pi * self.support**3)}[solver.dimension]
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if any(parameters.coefficients(settings)) else "its coefficient is 0"
+
     @ti.func
     def spline(self, r):
         """C(r), 1/m^d."""

@@ -78,6 +78,12 @@ class Collision(Effect):
         self.hull = ConvexHull(self.particles.position, self.particles.phase, self.pairs, self.separation,
                                solver.support_radius)
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        if parameters.strength == 0.0:
+            return "its strength is 0"
+        return "there is one liquid only" if len(settings.liquids) == 1 else ""
+
     @ti.func
     def _weights(self, i, liquid):
         """Sums of V_k W_ik over the neighbors of one liquid, and over all others with the particle itself."""
@@ -206,8 +212,6 @@ class Collision(Effect):
                 self.particles.position[i] = x
 
     def finish(self, dt: float) -> None:
-        if self.strength == 0.0:
-            return
         turns = [-1]
         if self.parameters.order == "alternating":
             first = self.solver.step_count % self.liquid_count

@@ -145,6 +145,12 @@ class ContactLineEmulsification(Mixing):
         self.line_length = ti.field(ti.f64, shape=())
         self.volume_per_shear = volume_per_shear(parameters, oil, aqueous) if self.acts else 0.0
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        if parameters.efficiency and parameters.saccade_rate:
+            return ""
+        return cls.nothing_mixes(settings, "its efficiency or its saccade_rate is 0")
+
     @ti.kernel
     def _kernel_integral(self) -> float:
         """Integral of <|W'|> s^(d-1) over the distance s along the wall, by the midpoint rule.

@@ -37,6 +37,10 @@ class Curvature(Effect):
         self.support = solver.support_radius
         self.count, self.pairs = solver.count, solver.pairs
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.gamma else "its gamma is 0 m/s2"
+
     @ti.kernel
     def _normals(self):
         for i in range(self.count[None]):
@@ -46,8 +50,7 @@ class Curvature(Effect):
             self.particles.interface_normal[i] = self.support * total
 
     def prepare(self, dt: float) -> None:
-        if self.gamma > 0.0:
-            self._normals()
+        self._normals()
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):

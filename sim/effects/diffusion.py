@@ -30,6 +30,10 @@ class Diffusion(Mixing):
         super().__init__(parameters, solver)
         self.coefficient = self.lattice_factor * parameters.coefficient
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.coefficient else cls.nothing_mixes(settings, "its coefficient is 0 m2/s")
+
     @ti.func
     def pair_flux(self, i, j, x_ij):
         return self.coefficient * (self.particles.volume_fraction[j] - self.particles.volume_fraction[i])

@@ -93,6 +93,14 @@ class Drift(Mixing):
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
         self.weight = ti.Vector.field(solver.dimension, real(), shape=())  # g, m/s^2
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        if parameters.coefficient == 0.0:
+            return cls.nothing_mixes(settings, "its coefficient is 0")
+        if len({liquid.density for liquid in settings.liquids}) == 1:
+            return cls.nothing_mixes(settings, "the densities of the liquids do not differ")
+        return ""
+
     def start(self, missing: set[str]) -> None:
         super().start(missing)
         for name in missing - {"volume_fraction"}:

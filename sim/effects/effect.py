@@ -45,6 +45,21 @@ class Effect:
         """True where this effect has a hook of its own."""
         return getattr(cls, hook) is not getattr(Effect, hook)
 
+    # Rules that need the settings alone (``sim.lazy``).
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        """Why this effect does nothing in a scene, so that it is left out; empty where it acts."""
+        return ""
+
+    @classmethod
+    def instead(cls, parameters, settings, largest_step: float):
+        """Parameters of another effect that does the same at less cost, and a clause that says why; None to keep it.
+
+        `largest_step` is the time step that all else allows, s.
+        """
+        return None
+
     # Hooks on the host, in the order of a step.
 
     def start(self, missing: set[str]) -> None:

@@ -80,6 +80,10 @@ class Gravity(Effect):
             self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())
 
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.magnitude or parameters.jolts else "its magnitude is 0 m/s2, and there are no jolts"
+
     def direction(self, time: float) -> np.ndarray:
         """Direction of gravity in the eye at `time`, (3,); turns follow the minimum-jerk profile."""
         held = POSTURES[self.parameters.posture]

@@ -91,6 +91,10 @@ class InterfaceTension(Effect):
         self.group_count = ti.field(ti.i32, shape=())
 
     @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.coefficient else "its coefficient is 0 N/m"
+
+    @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
         """Capillary limit sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) (Brackbill et al. 1992)."""
         if parameters.coefficient == 0.0:

@@ -6,6 +6,12 @@ from sim.runtime import real
 WALL_FACTOR_LIMIT = 3.0  # largest extrapolation of the liquid's velocity to a wall particle (no slip)
 
 
+def without_viscosity(settings) -> str:
+    """Why no viscous force acts in a scene; empty where some does."""
+    return "" if any(liquid.dynamic_viscosity for liquid in settings.liquids) else (
+        "the dynamic viscosity of every liquid is 0 Pa s")
+
+
 @ti.data_oriented
 class LiquidViscosity:
     """Dynamic viscosities of the particles of a solver."""

@@ -54,6 +54,11 @@ class Mixing(Effect):
         self.lattice_factor = 1.0 / lattice_moment(self.kernel, spacing, solver.dimension)
         self.start({field.name for field in self.fields if field.carried})
 
+    @staticmethod
+    def nothing_mixes(settings, reason: str) -> str:
+        """The reason to leave an effect out, unless the liquids may be mixed already: it then keeps them so."""
+        return "" if settings.continued else reason
+
     def start(self, missing: set[str]) -> None:
         if "volume_fraction" in missing:
             phase = self.solver.particles.to_numpy("phase")

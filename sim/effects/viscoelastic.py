@@ -73,8 +73,10 @@ class Viscoelastic(Effect):
             self.relaxation_rate[phase] = 1.0 / one.relaxation_time if one.relaxation_time else 0.0
             self.yield_stress[phase] = 1e30 if one.yield_stress is None else one.yield_stress
         self.holds = parameters.holds_together
-        self.acts = any(one.shear_modulus > 0.0 for one in parameters.liquids)
-        self.unused_hooks = () if self.acts else ("pair_acceleration",)
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if any(one.shear_modulus for one in parameters.liquids) else "every shear modulus is 0 Pa"
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
@@ -137,8 +139,7 @@ class Viscoelastic(Effect):
             self.particles.stress_flux[i] = stress @ correction
 
     def prepare(self, dt: float) -> None:
-        if self.acts:
-            self._advance(dt)
+        self._advance(dt)
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):

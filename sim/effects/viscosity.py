@@ -12,7 +12,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import LiquidViscosity
+from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -42,6 +42,10 @@ class Viscosity(Effect):
         self.unused_hooks = () if parameters.wall == "no_slip" else ("wall_acceleration",)
         self.factor = 2.0 * (solver.dimension + 2.0) if self.central else 2.0
         self.liquids = LiquidViscosity(solver)
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return without_viscosity(settings)
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:

@@ -14,7 +14,8 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import LiquidViscosity
+from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.effects.viscosity import Viscosity, ViscosityParameters
 from sim.effects.viscous_forms import FORMS
 from sim.fields import Field
 from sim.parameters import parameter
@@ -29,6 +30,9 @@ class ViscosityImplicitParameters:
     form: str = parameter("central", choices=tuple(FORMS),
                           meaning="central pair forces; strain: stress of the corrected gradient, more exact, dearer; "
                                   "laplacian: cheap and exact, but it brakes the spin of drops")
+    explicit_if_cheaper: bool = parameter(
+        True, meaning="advanced explicitly, as by the effect viscosity, in a scene in which the limit of that is not "
+                      "below the other limits of the time step, so that it costs no further step; not for form strain")
 
 
 @ti.data_oriented
@@ -54,6 +58,19 @@ class ViscosityImplicit(Effect):
         self.product, self.product_2 = (ti.field(ti.f64, shape=solver.particles.capacity) for _ in range(2))
         self.rho, self.norm, self.scale = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return without_viscosity(settings)
+
+    @classmethod
+    def instead(cls, parameters, settings, largest_step: float):
+        limit = Viscosity.time_step_limit(None, settings)
+        if not parameters.explicit_if_cheaper or parameters.form == "strain" or limit < largest_step:
+            return None
+        return ViscosityParameters(wall=parameters.wall, form=parameters.form), (
+            f"is advanced explicitly: the limit of that, {1e3 * limit:.3g} ms, is not below the "
+            f"{1e3 * largest_step:.3g} ms that all else allows (effects.viscosity_implicit.explicit_if_cheaper)")
 
     @ti.kernel
     def _set_viscosity(self):
