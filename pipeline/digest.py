@@ -5,9 +5,10 @@ docstrings and layout do not count.
 """
 import ast
 import dataclasses
+import functools
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from pipeline.scene_model import Scene
@@ -100,29 +101,31 @@ def _file(name: str) -> Path | None:
     return next((file for file in candidates if file.is_file()), None)
 
 
-def _imports(path: Path) -> Iterator[str]:
+def _imports(path: Path) -> Iterable[str]:
     """Names that a file imports, wherever in the file; ``from a import b`` may mean ``a`` or ``a.b``."""
-    for node in ast.walk(_parsed(path)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
-            yield from (name for name in submodules if _file(name))
-            if not all(map(_file, submodules)):
-                yield node.module
-
-
-def _parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    return _parsed(path.read_text(encoding="utf-8"))[0]
 
 
 def _meaning(path: Path) -> str:
     """The code of a file without comments, docstrings and layout."""
-    tree = _parsed(path)
+    return _parsed(path.read_text(encoding="utf-8"))[1]
+
+
+@functools.cache  # a study of a hundred cases asks for the same files a hundred times
+def _parsed(code: str) -> tuple[tuple[str, ...], str]:
+    """What ``_imports`` and ``_meaning`` say of the code of a file."""
+    tree, imports = ast.parse(code), []
     for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
+            imports += [name for name in submodules if _file(name)]
+            if not all(map(_file, submodules)):
+                imports.append(node.module)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
-    return ast.dump(tree)
+    return tuple(imports), ast.dump(tree)
 
 
 def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
