@@ -17,7 +17,8 @@ from pipeline.scene_reader import Errors, Reader, describe, nearest
 STUDIES = Path("config/studies")
 ACCURACY = Path("config/accuracy.yaml")
 FAMILIES = Path(__file__).with_name("studies")
-KEYS = ("title", "description", "cases")
+KEYS = ("title", "description", "cases", "report")
+REPORTS = ("curves", "tradeoff")  # figures of the families, or `pipeline.tradeoff`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,17 +53,30 @@ class Study:
     description: str
     accuracy: str
     cases: dict[str, Case]
+    report: str = "curves"
 
     def figures(self) -> list:
-        """Figures of all families, each once."""
+        """Figures of all families, each once; none in a study of what accuracy costs, which has its own."""
+        if self.report == "tradeoff":
+            return []
         families = dict.fromkeys(case.family for case in self.cases.values())
         return [figure for family in families for figure in getattr(family, "FIGURES", ())]
 
     def pictures(self) -> list[str]:
         """Names of all PNG files of the study: its figures, and pictures that a family makes itself."""
         families = dict.fromkeys(case.family for case in self.cases.values())
+        if self.report == "tradeoff":
+            return [f"{family}_tradeoff" for family in self.family_names()]
         made = [name for family in families for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
+
+    def family_names(self) -> list[str]:
+        """Names of the families, in the order of the file."""
+        return list(dict.fromkeys(case.family.__name__.rpartition(".")[2] for case in self.cases.values()))
+
+    def tables(self) -> list[str]:
+        """Names of the CSV files beside ``table.csv``."""
+        return [*self.family_names(), "orders"] if self.report == "tradeoff" else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
@@ -118,8 +132,11 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
             cases |= _family_cases(family, declared[family], _Level(accuracy, levels), errors)
     elif not declared:
         errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
+    report = data.get("report", REPORTS[0])
+    if report not in REPORTS:
+        errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(REPORTS)}")
     errors.raise_any()
-    return Study(name, str(data.get("title", name)), str(data.get("description", "")), accuracy, cases)
+    return Study(name, str(data.get("title", name)), str(data.get("description", "")), accuracy, cases, report)
 
 
 @dataclasses.dataclass(frozen=True)

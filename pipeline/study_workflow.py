@@ -35,6 +35,13 @@ class Studies:
         except UserError:
             return []
 
+    def tables(self, name: str) -> list[str]:
+        """Return the names of the CSV files of a study beside its table; none while its file has errors."""
+        try:
+            return cached_study(name, self._flow.accuracy).tables()
+        except UserError:
+            return []
+
     def inputs(self, name: str, case: str) -> list[str]:
         """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for."""
         files, asked = [], self._case(name, case)

@@ -35,6 +35,9 @@ for name in studies.names:
                              caption="../docs/report/study_figure.rst",
                              labels={"what": f"2 {picture.replace('_', ' ')}"})
                       for picture in studies.pictures(name)],
+            tables=[report(f"outputs/studies/{name}/{table}.csv", category="studies", subcategory=name,
+                           caption="../docs/report/study.rst", labels={"what": f"4 {table.replace('_', ' ')} (CSV)"})
+                    for table in studies.tables(name)],
         params:
             depends=lambda w, study=name: studies.report_depends(study),
             study=name,

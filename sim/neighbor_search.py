@@ -24,6 +24,19 @@ def corners(wall_position: np.ndarray, periods) -> tuple[np.ndarray, np.ndarray]
     return points.min(axis=0), points.max(axis=0)
 
 
+def row_widths(support_ratio: float, dimension: int, crowding: float) -> tuple[int, int, int]:
+    """Neighbors that fit into the rows of liquid-liquid, liquid-wall and wall-liquid pairs.
+
+    Parameters
+    ----------
+    support_ratio : support radius over particle spacing; crowding : particles per rest volume that must fit.
+    """
+    ball = {2: np.pi * support_ratio**2, 3: 4.0 / 3.0 * np.pi * support_ratio**3}[dimension]
+    width = int(crowding * ball) + 8
+    # In the corner of a box 7/8 of a ball is wall, on a round wall about half.
+    return width, int((0.6, 0.8)[dimension - 2] * width), int(0.75 * width)
+
+
 @ti.data_oriented
 class Rows:
     """Neighbor rows of fixed width: entries of row i are i*width .. i*width + count[i] - 1."""
@@ -103,13 +116,10 @@ class NeighborSearch:
         self.wall_cell_start = ti.field(ti.i32, shape=self.cells + 1)
         self.wall_cell_start.from_numpy(start)
 
-        ratio = h / particle_spacing
-        ball = {2: np.pi * ratio**2, 3: 4.0 / 3.0 * np.pi * ratio**3}[self.dimension]
-        width = int(crowding * ball) + 8
-        self.pairs = Rows(particles.capacity, width, self.dimension)
-        # In the corner of a box 7/8 of a ball is wall, on a round wall about half.
-        self.wall_pairs = Rows(particles.capacity, int((0.6, 0.8)[self.dimension - 2] * width), self.dimension)
-        self.wall_rows = Rows(self.walls.count, int(0.75 * width), self.dimension)
+        widths = row_widths(h / particle_spacing, self.dimension, crowding)
+        self.pairs = Rows(particles.capacity, widths[0], self.dimension)
+        self.wall_pairs = Rows(particles.capacity, widths[1], self.dimension)
+        self.wall_rows = Rows(self.walls.count, widths[2], self.dimension)
 
     def _sort_walls(self, position: np.ndarray):
         cell = np.floor((position - self.origin_numpy) / self.cell).astype(np.int64) @ np.array(self.strides)

@@ -26,6 +26,11 @@ BASE_FIELDS = (
 )
 
 
+def capacity_for(count: int) -> int:
+    """Particles that fit into a solver that starts with `count`: head room for those that an injection splits."""
+    return int(1.15 * count) + 512
+
+
 class Divergence(RunError):
     """The run went bad; the message names step, particle and quantity."""
 
@@ -74,8 +79,7 @@ class Solver:
                 raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")
         scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
-        capacity = int(1.15 * len(fluid_position)) + 512  # head room for particles that an injection splits
-        self.particles = ParticleStore(fields, capacity, self.dimension, len(self.liquids))
+        self.particles = ParticleStore(fields, capacity_for(len(fluid_position)), self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),

@@ -22,6 +22,7 @@ DENSITY = 1000.0  # kg/m^3
 THIN = 1.0  # Pa s, mu_2
 PERIOD = 12  # length of the channel in particle spacings
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
+HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("channel_profile", "T12: velocity of two layers in a channel, finest resolution", "velocity / largest",
            "y / H"),

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import erfc
 
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_tank import TankParameters, build, cavity, field
+from pipeline.study_tank import Stopwatch, TankParameters, build, cavity, field, time_rows
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -23,6 +23,7 @@ DENSITIES = (1000.0, 500.0)  # kg/m^3
 BLOB = 0.06  # width of the blob at the start, in sides of the box
 END = 0.08  # sqrt(2 D t) at the end, in sides of the box
 TIMES = 10  # at which the moment is taken
+HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("diffusion_profile", "T18: step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
     Figure("diffusion_error", "T18: error of the diffusion coefficient", "particle spacing / side", "relative error",
@@ -46,13 +47,15 @@ def run(case: Parameters) -> Outcome:
     for resolution in case.resolutions:
         finest = resolution == max(case.resolutions)
         begin = time.perf_counter()
-        times, moments, solver, drift = _spread(case, resolution)
+        times, moments, solver, drift, seconds = _spread(case, resolution)
         at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         effective = np.polyfit(times, moments, 1)[0] / (2.0 if case.shape == "step" else 4.0)
         row = compared("D_eff / D", effective / COEFFICIENT, 1.0, case.tolerance if finest else None, **at)
         errors.append(row.error)
         outcome.rows += [row, bounded("change of the volume of a liquid / volume", drift, 1e-12, **at),
-                         Row("sub-steps per exchange", float(solver.effects[0].sub_steps), **at)]
+                         Row("particles", float(solver.count[None]), **at),
+                         Row("sub-steps per exchange", float(solver.effects[0].sub_steps), **at),
+                         *time_rows(seconds, **at)]
     spacings = [LENGTH / resolution for resolution in case.resolutions]
     outcome.rows.append(Row("observed order of D_eff", observed_order(spacings, errors)))
     outcome.curves.append(Curve("diffusion_error", name, spacings, errors))
@@ -66,7 +69,7 @@ def run(case: Parameters) -> Outcome:
 
 
 def _spread(case: Parameters, resolution: int):
-    """Times, s, moments, m^2, the solver at the end, and the relative change of the volume of the second liquid."""
+    """Times, s, moments, m^2, the solver, the relative change of the volume of the second liquid, and seconds taken."""
     spacing = LENGTH / resolution
     arrays = cavity("box", (LENGTH, LENGTH), spacing, start=case.start, support_ratio=case.support_ratio,
                     periodic=(1,) if case.shape == "step" else (0, 1))
@@ -87,12 +90,12 @@ def _spread(case: Parameters, resolution: int):
 
     until = 0.5 * (END * LENGTH) ** 2 / COEFFICIENT
     times, moments, total = np.linspace(0.0, until, TIMES + 1), [moment()], volume @ begin
-    for _ in range(TIMES):
-        solver.effects[0].prepare(until / TIMES)
+    stopwatch = Stopwatch()
+    for _ in stopwatch.timed(solver.effects[0].prepare(until / TIMES) for _ in range(TIMES)):
         moments.append(moment())
     drift = abs(volume @ field(solver, "volume_fraction")[:, 1] - total) / total
     # A sharp step is known to a particle spacing only: the first moment would count that too.
-    return times[1:], np.array(moments[1:]), solver, float(drift)
+    return times[1:], np.array(moments[1:]), solver, float(drift), stopwatch.seconds()
 
 
 def set_fractions(solver, fractions: np.ndarray) -> None:

@@ -18,6 +18,7 @@ EFFECTS = ("gravity", "viscosity_implicit")
 GRAVITY = 9.81
 HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3
+HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("hydrostatics_error", "T1: pressure of two layers at rest", "particle spacing / height",
            "root mean square of the pressure error / (rho g H)", logarithmic=True),

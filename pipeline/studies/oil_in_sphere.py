@@ -34,6 +34,7 @@ FIT_POINTS, FIT_STEPS = 250, 60
 FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
 FIT_ITERATIONS, FIT_DIFFERENCE = 40, 1e-4
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
+HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
     Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),

@@ -24,6 +24,7 @@ LIQUIDS = (Liquid("liquid", 1000.0, 10.0), Liquid("bubble", 100.0, 1.0))
 END = 3.0  # s
 PRESSURE_TOLERANCE = 1e-5  # with 1e-4, in the small steps of a fine bubble, it bounces as if it were compressible
 HEIGHT_AT_END, SPEED, CIRCULARITY = 1.0810, 0.2419, 0.9012  # TP2D, FreeLIFE, MooNMD
+HEADLINE, PER_WIDTH = "largest speed", 1.0  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("bubble_height", "T9: height of a rising bubble", "time / s", "center of mass / m"),
     Figure("bubble_speed", "T9: speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),

@@ -18,6 +18,7 @@ EFFECTS = ("viscosity", "viscosity_implicit")
 PERIOD = 1.0  # m, L = 2 pi / k
 SPEED = 1.0  # m/s, U
 DENSITY = 1000.0  # kg/m^3
+HEADLINE, PER_WIDTH = "decay rate of the energy", 1.0  # of `pipeline.tradeoff`
 FIGURES = (
     Figure("taylor_green_decay", "T13: energy of a Taylor-Green vortex, finest resolution", "4 nu k² t",
            "ln(kinetic energy / start)"),

@@ -1,0 +1,47 @@
+"""The error to expect of a scene: that of the accuracy study, carried over to its spacing by the observed order."""
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+from pipeline.scene_model import Scene
+
+ORDERS = Path("outputs/studies/accuracy/orders.csv")
+COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "error", "order")
+
+
+@dataclasses.dataclass(frozen=True)
+class ExpectedError:
+    """An error to expect: of which quantity, how large, and where the number comes from."""
+
+    quantity: str
+    value: float
+    unit: str
+    source: str
+
+
+def expected_errors(scene: Scene, width: float, path: Path = ORDERS) -> list[ExpectedError]:
+    """Return the errors to expect; empty where the study has not been run, or has no case with the scene's effects.
+
+    Parameters
+    ----------
+    width : of the cavity in particle spacings. A case with a drop or a layer in it counts the spacings along that: the
+        scene is taken to have a drop or a layer of the same share of its width (``per_width``).
+    """
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for row in rows:
+        needed, order = set(row["effects"].split()), float(row["order"] or "nan")
+        error, resolution = float(row["error"]), float(row["resolution"])
+        if not needed <= scene.effects.keys() or not math.isfinite(error):
+            continue
+        here = width * float(row["per_width"])
+        known = math.isfinite(order) and order > 0.0
+        value = error * (resolution / here) ** order if known else error
+        words = f"order {order:.1f} from {resolution:g} to {here:.3g} spacings" if known else (
+            f"at {resolution:g} spacings; it did not fall with the spacing")
+        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", value, row["unit"], f"{path}, {words}"))
+    return found

@@ -1,0 +1,59 @@
+"""The eye itself: oil that starts level above the aqueous rounds up under its tension; compared with a finer run.
+
+There is no exact solution: the error is the largest difference of the height of the aqueous' center of mass, less that
+at the start, from the run with the most particles, over the largest such height (self-convergence). The scene is
+``resting_eye`` with other numerics; resolutions count particles along the 22 mm of the cavity.
+"""
+import dataclasses
+
+import numpy as np
+
+from pipeline.scene import PROJECT_CONFIG, load_scene
+from pipeline.study_model import Curve, Figure, Outcome
+from pipeline.study_tank import TankParameters, advance, changed, field
+from sim.parameters import parameter
+
+EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
+SCENE = "resting_eye"
+WIDTH = 0.022  # m
+HEADLINE, PER_WIDTH = "height of the aqueous, largest difference from the finest run", 1.0
+SELF_CONVERGENCE = True
+FIGURES = (Figure("eye_rest_height", "Oil coming to rest in the eye", "time / s", "rise of the aqueous / mm"),)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """The scene at several resolutions; without ``largest_step``, which is the scene's own."""
+
+    duration: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="simulated time")
+
+
+def run(case: Parameters) -> Outcome:
+    """Watch the height of the aqueous at every resolution."""
+    from pipeline.eye import cavity_mesh
+    from pipeline.simulate import build_solver
+    from pipeline.voxelize import voxelize
+
+    outcome = Outcome()
+    for resolution in case.resolutions:
+        scene = load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
+        numerics = dataclasses.replace(
+            scene.numerics, particle_spacing=WIDTH / resolution, support_ratio=case.support_ratio,
+            scheme=case.scheme, kernel=case.kernel, precision=case.precision)
+        settings = changed(case, dataclasses.replace(scene, numerics=numerics).settings())
+        scene = dataclasses.replace(scene, numerics=dataclasses.replace(settings.numerics, threads=0))
+        arrays, _ = voxelize(scene, cavity_mesh(scene.eye)[0])
+        result = advance(build_solver(scene, arrays), case.duration, f"n={resolution}", _height)
+        outcome.rows += result.rows()
+        outcome.remarks += result.remarks("eye at rest")
+        if not result.failure:
+            height = result.history["height"] - result.history["height"][0]
+            outcome.curves.append(Curve("eye_rest_height", result.label, result.history["time"], 1e3 * height, "line"))
+    return outcome
+
+
+def _height(solver) -> dict[str, float]:
+    """Height of the center of mass of the aqueous, m."""
+    aqueous = solver.particles.to_numpy("phase") == 0
+    mass = field(solver, "mass")[aqueous]
+    return {"height": float(mass @ field(solver, "position")[aqueous, 1] / np.sum(mass))}

@@ -1,0 +1,227 @@
+"""Studies of what accuracy costs: error against time, one figure and one CSV for every family of cases.
+
+The first case of a family is its base, a sweep of the particle spacing; every other case differs from it in one thing
+(tolerance, time step, scheme, precision, support radius) at one of its resolutions. The error is that of the family's
+``HEADLINE``. A family without a reference (``SELF_CONVERGENCE``) gives a curve instead, which is compared with that of
+the base at its finest resolution. Times are those of the steps, without compilation, of all cores: on a computer that
+does other things as well, the clock says little.
+"""
+import csv
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.expected_error import COLUMNS as ORDER_COLUMNS
+from pipeline.files import replacing
+from pipeline.scene_files import read_yaml
+from pipeline.study_model import Outcome, Row, observed_order
+from pipeline.study_plan import ACCURACY, Case, Study
+from pipeline.study_tank import COMPUTING_TIME, WALL_TIME
+from pipeline.units import parse_quantity
+
+WIDTH = 0.022  # m, of the eye whose levels are marked
+SPACING = "particle spacing"
+UNTOLD = ("resolutions", "seed")  # parameters that are no change
+NAMES = {"tolerance_factor": "tolerances x {:g}", "time_step_factor": "time step x {:g}", "support_ratio": "h/dx {:g}",
+         "precision": "{}", "scheme": "{}"}
+COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4aa8a0", "#d16ba5", "#7a8b2f", "#4b4e57", "#a05a2c")
+MARKERS = "sD^v<>PXph"
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """One run: what was changed, how exact and how dear it was; times in s."""
+
+    change: str
+    resolution: int
+    particles: float
+    error: float
+    unit: str
+    wall: float
+    cpu: float
+    front: bool = False
+
+
+def change_of(case: Case, base: Case) -> str:
+    """Return in words what tells a case from the base of its family."""
+    fields = [field.name for field in dataclasses.fields(base.parameters) if field.name not in UNTOLD]
+    changed = [NAMES.get(name, name.replace("_", " ") + " {}").format(getattr(case.parameters, name))
+               for name in fields if getattr(case.parameters, name) != getattr(base.parameters, name)]
+    return ", ".join(changed) or SPACING
+
+
+def on_front(times: Sequence[float], errors: Sequence[float]) -> list[bool]:
+    """Tell for every point whether no other is both as exact and as fast, and better in one of the two."""
+    pairs = list(zip(times, errors, strict=True))
+    return [all(map(math.isfinite, one)) and not any(
+        other[0] <= one[0] and other[1] <= one[1] and other != one for other in pairs) for one in pairs]
+
+
+def points_of(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> list[Point]:
+    """Return the points of one family, those of its base first."""
+    family, found = cases[0].family, []
+    reference = _reference(cases[0], outcomes[0]) if getattr(family, "SELF_CONVERGENCE", False) else None
+    for case, outcome in zip(cases, outcomes, strict=True):
+        change = change_of(case, cases[0])
+        for resolution in case.parameters.resolutions:
+            rows = {row.quantity: row for row in outcome.rows if row.at.rpartition("=")[2] == str(resolution)}
+            if reference is None:
+                error, unit = _error(rows.get(family.HEADLINE))
+            else:
+                error, unit = _difference(outcome, resolution, reference), "1"
+            number = {name: rows[name].value if name in rows else math.nan
+                      for name in ("particles", WALL_TIME, COMPUTING_TIME)}
+            found.append(Point(change, resolution, number["particles"], error, unit, number[WALL_TIME],
+                               number[COMPUTING_TIME]))
+    front = on_front([point.cpu for point in found], [point.error for point in found])
+    return [dataclasses.replace(point, front=best) for point, best in zip(found, front, strict=True)]
+
+
+def _error(row: Row | None) -> tuple[float, str]:
+    if row is None or row.error is None or not math.isfinite(row.error):
+        return math.nan, "1"
+    absolute = math.isclose(row.error, abs(row.value - row.reference), rel_tol=1e-9)
+    return row.error, row.unit if absolute else "1"
+
+
+def _curve(outcome: Outcome, resolution: int):
+    return next((np.array([curve.x, curve.y]) for curve in outcome.curves
+                 if curve.label.rpartition("=")[2] == str(resolution)), None)
+
+
+def _reference(case: Case, outcome: Outcome):
+    return _curve(outcome, max(case.parameters.resolutions))
+
+
+def _difference(outcome: Outcome, resolution: int, reference) -> float:
+    """Largest difference of a curve from that of the reference, over the largest value of that one."""
+    curve = _curve(outcome, resolution)
+    if curve is None or reference is None or np.array_equal(curve, reference):
+        return math.nan
+    return float(np.abs(np.interp(reference[0], *curve) - reference[1]).max() / np.abs(reference[1]).max())
+
+
+def base_points(points: Sequence[Point]) -> list[Point]:
+    """The points of the sweep of the particle spacing that have an error, coarse to fine."""
+    return sorted((point for point in points if point.change == SPACING and math.isfinite(point.error)),
+                  key=lambda point: point.resolution)
+
+
+def order_of(points: Sequence[Point]) -> float:
+    """Observed order of the error with the particle spacing."""
+    base = base_points(points)
+    return observed_order([1.0 / point.resolution for point in base], [point.error for point in base])
+
+
+def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float]) -> dict[str, tuple[float, ...]]:
+    """Return for every accuracy level resolution, time and error, from power laws through the sweep of the spacing.
+
+    Parameters
+    ----------
+    levels : name -> particle spacing, m, in an eye of :data:`WIDTH`; a case resolves ``per_width`` of that.
+    """
+    base = [point for point in base_points(points) if point.error > 0.0 and point.cpu > 0.0]
+    if len(base) < 2:
+        return {}
+    size = np.log([point.resolution for point in base])
+    laws = [np.polyfit(size, np.log(values), 1) for values in ([point.cpu for point in base],
+                                                              [point.error for point in base])]
+    resolutions = {name: per_width * WIDTH / spacing for name, spacing in levels.items()}
+    return {name: (resolution, *(float(np.exp(np.polyval(law, np.log(resolution)))) for law in laws))
+            for name, resolution in resolutions.items()}
+
+
+def spacings() -> dict[str, float]:
+    """Particle spacing of every accuracy level, m."""
+    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
+
+
+def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> list[Outcome]:
+    """Write a figure and a CSV of every family and ``orders.csv``; return what is to be said about them."""
+    orders, found = [], []
+    for family in dict.fromkeys(case.family for case in study.cases.values()):
+        cases = [case for case in study.cases.values() if case.family is family]
+        points = points_of(cases, [next(one for one in outcomes if one.case == case.name) for case in cases])
+        name = family.__name__.rpartition(".")[2]
+        _write_csv(target / f"{name}.csv", [field.name for field in dataclasses.fields(Point)],
+                   [dataclasses.asdict(point) for point in points])
+        _draw(target / f"{name}_tradeoff.png", name, family, points)
+        orders += _orders(name, family, points)
+        found.append(_outcome(name, points))
+    _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
+    return found
+
+
+def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _orders(name: str, family, points: Sequence[Point]) -> list[dict]:
+    base = base_points(points)
+    if not base:
+        return []
+    return [{"case": name, "quantity": family.HEADLINE, "unit": base[-1].unit,
+             "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
+             "resolution": base[-1].resolution, "error": base[-1].error, "order": order_of(points)}]
+
+
+def _outcome(name: str, points: Sequence[Point]) -> Outcome:
+    """What every change gains or loses beside the base at the same resolution, as rows and as a sentence."""
+    order = order_of(points)
+    outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
+    base, said = {point.resolution: point for point in points if point.change == SPACING}, []
+    for point in points:
+        beside = base.get(point.resolution)
+        if point.change == SPACING or beside is None:
+            continue
+        exact, dear = point.error / beside.error, point.cpu / beside.cpu
+        at = f"{point.change} n={point.resolution}"
+        outcome.rows += [Row("error over that of the base", exact, at=at, wall_s=point.wall),
+                         Row("computing time over that of the base", dear, at=at, wall_s=point.wall)]
+        said.append(f"{point.change} {exact:.2f} and {dear:.2f}")
+    if said:
+        outcome.remarks.append(f"{name}: order {order:.1f}; error and computing time over those of the base: "
+                               f"{'; '.join(said)}.")
+    return outcome
+
+
+def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
+    axes = FigureCanvasAgg(canvas).figure.subplots()
+    base, shown = base_points(points), [point for point in points if math.isfinite(point.error) and point.error > 0.0]
+    axes.plot([point.cpu for point in base], [point.error for point in base], "o-", color="black", lw=1.4, ms=6,
+              label=f"{SPACING}, order {order_of(points):.1f}")
+    for point in base:
+        axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points", fontsize=8)
+    looks = zip(itertools.cycle(COLORS), itertools.cycle(MARKERS), strict=False)
+    for change in dict.fromkeys(point.change for point in shown if point.change != SPACING):
+        color, marker = next(looks)
+        some = [point for point in shown if point.change == change]
+        axes.plot([point.cpu for point in some], [point.error for point in some], marker, color=color, ms=7,
+                  label=f"{change} ({', '.join(str(point.resolution) for point in some)})")
+    front = sorted((point.cpu, point.error) for point in shown if point.front)
+    if front:
+        axes.plot(*zip(*front, strict=True), color="#c8a200", lw=5, alpha=0.35, zorder=0, label="Pareto front")
+    known = [point.resolution for point in base] or [0]
+    for level, (resolution, time, error) in levels_of(points, family.PER_WIDTH, spacings()).items():
+        inside = min(known) <= resolution <= max(known)
+        axes.plot(time, error, "*", ms=14, mfc="#c8a200" if inside else "white", mec="black")
+        axes.annotate(f"{level}: {resolution:.3g}", (time, error), (9, -4), textcoords="offset points", fontsize=9)
+    axes.set(xscale="log", yscale="log", xlabel="computing time without compilation, all cores / s",
+             ylabel=f"error: {family.HEADLINE}" + (f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""))
+    axes.set_title(f"{name.replace('_', ' ')}: what accuracy costs. Numbers: spacings along the case; stars: levels "
+                   "(white: extrapolated)", loc="left", fontsize=10)
+    axes.grid(alpha=0.3, which="both")
+    canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
+    with replacing(path) as partial:
+        canvas.savefig(partial, dpi=130)
