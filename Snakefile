@@ -49,6 +49,7 @@ rule all:
         expand("outputs/{scene}/metrics.csv", scene=flow.names),
         expand("outputs/{scene}/advice.html", scene=flow.names),
         expand("outputs/{scene}/effects.html", scene=flow.names),
+        expand("outputs/{scene}/cost.html", scene=flow.names),
         expand("outputs/{scene}/frames/frames.pvd", scene=flow.names),
     message: "all done: {input}"
 
@@ -74,6 +75,7 @@ rule eye:
     params:
         depends=flow.depends("eye"),
     log: "outputs/{scene}/logs/eye.log",
+    benchmark: "outputs/{scene}/benchmarks/eye.tsv"
     message: "{wildcards.scene}: make the surface of the cavity",
     shell: "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
 
@@ -88,6 +90,7 @@ rule voxelize:
     params:
         depends=flow.depends("voxelize"),
     log: "outputs/{scene}/logs/voxelize.log",
+    benchmark: "outputs/{scene}/benchmarks/voxelize.tsv"
     message: "{wildcards.scene}: fill the cavity with particles",
     shell:
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
@@ -110,6 +113,52 @@ rule advise:
         " 2>&1 | tee {log}"
 
 
+rule calibrate:
+    output:
+        "outputs/calibration.json",
+    params:
+        depends=flow.calibration_depends(),
+    log: "outputs/logs/calibrate.log",
+    message: "time this computer, once, for the estimates of time"
+    threads: 1000  # as many as there are: nothing else runs meanwhile
+    shell: "python -m pipeline.calibrate --output {output} 2>&1 | tee {log}"
+
+
+rule estimate:
+    input:
+        scene=SCENE,
+        calibration="outputs/calibration.json",
+    output:
+        page=report("outputs/{scene}/estimate.html", category="{scene}", caption="docs/report/estimate.rst",
+                    labels={"what": "9 estimate: time, memory, disk, error"}),
+        levels="outputs/{scene}/estimate.json",
+    params:
+        depends=flow.depends("estimate"),
+    log: "outputs/{scene}/logs/estimate.log",
+    message: "{wildcards.scene}: estimate time, memory and disk"
+    shell:
+        "python -m pipeline.estimate config/scenes/{wildcards.scene}.yaml --renew --output {output.page}"
+        " --output {output.levels} 2>&1 | tee {log}"
+
+
+rule cost:
+    input:
+        scene=SCENE,
+        estimate="outputs/{scene}/estimate.json",
+        metrics="outputs/{scene}/metrics.csv",
+        images=lambda w: expand(IMAGES, scene=w.scene, segment=flow.segments(w.scene)),
+    output:
+        report("outputs/{scene}/cost.html", category="{scene}", caption="docs/report/cost.rst",
+               labels={"what": "9 cost: predicted and real"}),
+    params:
+        depends=flow.depends("cost"),
+    log: "outputs/{scene}/logs/cost.log",
+    message: "{wildcards.scene}: compare what was predicted with what it has cost"
+    shell:
+        "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
+        " --benchmarks outputs/{wildcards.scene}/benchmarks --output {output} 2>&1 | tee {log}"
+
+
 rule simulate:
     input:
         scene=SCENE,
@@ -124,6 +173,7 @@ rule simulate:
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
         segment=lambda w: int(w.segment),
     log: "outputs/{scene}/logs/simulate_{segment}.log",
+    benchmark: "outputs/{scene}/benchmarks/simulate_{segment}.tsv"
     message: "{wildcards.scene}: simulate segment {wildcards.segment}",
     threads: 1  # the other core reconstructs and draws the segment before
     priority: 10  # everything waits for the simulation
@@ -173,6 +223,7 @@ rule reconstruct:
     params:
         depends=flow.depends("reconstruct"),
     log: "outputs/{scene}/logs/reconstruct_{segment}.log",
+    benchmark: "outputs/{scene}/benchmarks/reconstruct_{segment}.tsv"
     message: "{wildcards.scene}: reconstruct the surfaces of segment {wildcards.segment}",
     shell:
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
@@ -192,6 +243,7 @@ rule render:
     params:
         depends=flow.depends("render"),
     log: "outputs/{scene}/logs/render_{segment}.log",
+    benchmark: "outputs/{scene}/benchmarks/render_{segment}.tsv"
     message: "{wildcards.scene}: draw segment {wildcards.segment}",
     shell:
         "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
@@ -226,6 +278,7 @@ rule metrics:
     params:
         depends=flow.depends("metrics"),
     log: "outputs/{scene}/logs/metrics.log",
+    benchmark: "outputs/{scene}/benchmarks/metrics.tsv"
     message: "{wildcards.scene}: measure and plot all frames",
     shell:
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"

@@ -1,4 +1,5 @@
 """The file of the calibration: what this computer takes for what; it is refused once code or computer have changed."""
+import functools
 import hashlib
 import json
 import os
@@ -21,6 +22,7 @@ def identity() -> dict[str, str]:
     return {"code": _code(), "computer": _computer()}
 
 
+@functools.cache
 def _code() -> str:
     digest = hashlib.sha256()
     for module in MODULES:

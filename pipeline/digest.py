@@ -26,6 +26,8 @@ PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations",
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
     "advise": ("description", "label", *PICTURE, "liquids.color", "liquids.source"),
+    "estimate": ("description", "label", "liquids.color", "liquids.source"),
+    "cost": ("description", "label", "liquids.color", "liquids.source"),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
             "liquids"),
     "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", "liquids.color", "liquids.source"),

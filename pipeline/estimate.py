@@ -94,6 +94,9 @@ def notes(level: Prediction) -> list[str]:
     if not found:
         found = [f"expected error: {UNKNOWN} (run `snakemake -j2 accuracy`; it has no case for a scene without its "
                  "effects)"]
+    if level.uncertain:
+        found.append(f"the time step that {' and '.join(level.uncertain)} allow is {UNKNOWN} before the run: there "
+                     "may be more steps")
     if level.unknown:
         found.append(f"the time of {', '.join(level.unknown)} is {UNKNOWN} and counted as nothing")
     return found
@@ -162,24 +165,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
                                                        "scene (.json), which has one level")
     p.add_argument("--accuracy", help="one accuracy level (default: all)")
     p.add_argument("--calibrate", action="store_true", help="time this computer, even where that has been done")
+    p.add_argument("--renew", action="store_true", help="time this computer anew where its calibration is out of date")
     p.add_argument("--calibration", type=Path, default=CALIBRATION, metavar="FILE",
                    help=f"what was timed (default {CALIBRATION})")
-    p.add_argument("--format", choices=FORMATS, default="text", help="what to write (default: text)")
-    p.add_argument("--output", type=Path, help="file to write (default: standard output)")
+    p.add_argument("--format", choices=FORMATS, help="what to write (default: as the name of the file says, else text)")
+    p.add_argument("--output", type=Path, action="append", default=[], metavar="FILE",
+                   help="file to write, .html, .json or text; may be given more than once (default: standard output)")
     options = p.parse_args(arguments)
     if options.scene is None and not options.calibrate:
         raise UserError("scene is missing: name a scene file, or give --calibrate")
     scenes = scenes_of(options.scene, options.accuracy) if options.scene else []
     if options.calibrate or not options.calibration.is_file():
         calibrate(options.calibration)
-    calibration = load_calibration(options.calibration)
+    try:
+        calibration = load_calibration(options.calibration)
+    except UserError:
+        if not options.renew:
+            raise
+        calibrate(options.calibration)
+        calibration = load_calibration(options.calibration)
     if not scenes:
         return
-    text = FORMATS[options.format](estimate(scenes, calibration))
-    if options.output is None:
-        sys.stdout.write(text)
-    else:
-        write_text(options.output, text)
+    found = estimate(scenes, calibration)
+    for path in options.output:
+        suffix = path.suffix.lstrip(".")
+        write_text(path, FORMATS[options.format or (suffix if suffix in FORMATS else "text")](found))
+    if not options.output:
+        sys.stdout.write(FORMATS[options.format or "text"](found))
 
 
 if __name__ == "__main__":

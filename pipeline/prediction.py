@@ -8,9 +8,10 @@ from pipeline.dimensionless_numbers import Scales
 from pipeline.expected_error import ExpectedError, expected_errors
 from pipeline.iterations import pressure_iterations, viscosity_iterations
 from pipeline.scene_model import Scene
-from pipeline.scene_work import SceneWork, effect_parts, part_of, rounds_of, scene_work, variant
+from pipeline.scene_work import SHARED_PARTS, SceneWork, effect_parts, part_of, rounds_of, scene_work, variant
 from pipeline.time_step_limits import deciding_limit, step_count, time_step_limits
 
+ACCELERATING = ("cohesion", "curvature", "adhesion")  # effects with accelerations that no limit tells of beforehand
 SMALL_STAGES = 4  # scene, advise, index_frames and movie: little more than their start
 
 
@@ -26,6 +27,7 @@ class Prediction:
     total : wall time of all stages, on all cores of this computer.
     memory, disk : bytes, largest of any stage and of all files.
     unknown : effects of the scene that the calibration does not time; they are counted as nothing.
+    uncertain : effects whose accelerations may limit the time step further; how far is not known before the run.
     errors : to expect; empty where they are not known.
     """
 
@@ -44,6 +46,7 @@ class Prediction:
     memory: float
     disk: float
     unknown: tuple[str, ...]
+    uncertain: tuple[str, ...]
     errors: tuple[ExpectedError, ...]
 
 
@@ -78,13 +81,14 @@ def predict(scene: Scene, cavity_volume: float, cavity_area: float, calibration:
         steps, pressure, viscosity, stages, compilation, _total(scene, stages),
         max(calibration["memory"] + work.row_bytes, *(_stage(name, scene, work, calibration, "memory")
                                                       for name in stages if name in calibration["stages"])),
-        _disk(scene, work, calibration), unknown, tuple(expected_errors(scene, work.width)))
+        _disk(scene, work, calibration), unknown,
+        tuple(name for name in ACCELERATING if name in scene.effects), tuple(expected_errors(scene, work.width)))
 
 
 def _parts(scene: Scene, known: Mapping) -> list[str]:
     """Parts of a step: those common to all, those of the scheme, and the effects with a part of their own."""
     own = f"{variant(scene)}/"
-    return ["neighbors", "accelerations", "rest", *(part for part in known if part.startswith(own)),
+    return [*SHARED_PARTS, *(part for part in known if part.startswith(own)),
             *(part_of(name, scene) for name in effect_parts(scene))]
 
 

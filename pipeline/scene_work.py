@@ -15,6 +15,7 @@ from sim.solver import capacity_for
 
 HOST_HOOKS = ("exchange", "prepare", "correct_velocity", "finish")  # every effect that has one has a row of timings
 PAIR_HOOKS = ("pair_acceleration", "wall_acceleration")
+SHARED_PARTS = ("neighbors", "accelerations", "time step", "rest")  # of every solver
 SOLVES = ("pressure", "divergence solve", "density solve")  # parts of a scheme that iterate
 LATTICE_LIMIT = 3e6  # particles, up to which blocks are counted one by one
 
@@ -97,7 +98,7 @@ def variant(scene: Scene) -> str:
 
 def part_of(name: str, scene: Scene) -> str:
     """Return what the cost model calls a row of the solver's timings: parts of a scheme carry its class."""
-    common = name in ("neighbors", "accelerations", "rest", "frame", "build") or name in REGISTRY
+    common = name in (*SHARED_PARTS, "frame", "build") or name in REGISTRY
     return name if common else f"{variant(scene)}/{name}"
 
 

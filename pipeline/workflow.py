@@ -98,6 +98,13 @@ class Workflow:
             return f"{digest(wildcards.scene)} {frames}".strip()
         return parameter
 
+    @staticmethod
+    def calibration_depends() -> str:
+        """Return a parameter that changes when this computer has to be timed anew."""
+        from pipeline.calibration import identity
+
+        return " ".join(identity().values())
+
     def prepare_outputs(self) -> None:
         """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
 

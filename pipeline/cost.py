@@ -1,0 +1,135 @@
+"""Stage: after a run, what was predicted and what it has cost, side by side.
+
+The prediction is that of `pipeline.estimate`, made from the same scene; what a stage took is what Snakemake wrote into
+outputs/<scene>/benchmarks. Where the computer did other things as well, the clock ran longer: compare the time of all
+cores then.
+"""
+import argparse
+import csv
+import html
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.calibrate import size
+from pipeline.cli import run
+from pipeline.errors import UserError
+from pipeline.estimate import duration, memory
+from pipeline.files import write_text
+from pipeline.metrics_table import STYLE, read_table
+from pipeline.scene import load_resolved
+
+STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
+FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
+ASKED = 0.3  # relative difference of the wall time of the simulation that counts as met
+
+
+def measured(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
+    """Return what the stages took: stage -> wall, cpu (s, sums over the segments) and memory (bytes, the largest).
+
+    Raises
+    ------
+    UserError : a file is no benchmark of Snakemake.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for path in paths:
+        stage = path.stem.partition("_")[0]
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                (row,) = csv.DictReader(file, delimiter="\t")
+            taken = {"wall": _number(row["s"]), "cpu": _number(row["cpu_time"]),
+                     "memory": 2.0**20 * _number(row["max_rss"])}
+        except (ValueError, KeyError, OSError) as error:
+            raise UserError(f"{path}: is no benchmark of Snakemake ({error}); run the stage again") from error
+        sums = found.setdefault(stage, {"wall": 0.0, "cpu": 0.0, "memory": 0.0})
+        for kind in ("wall", "cpu"):
+            sums[kind] += taken[kind]
+        sums["memory"] = np.fmax(sums["memory"], taken["memory"])
+    return found
+
+
+def _number(text: str) -> float:
+    return math.nan if text in ("NA", "-", "") else float(text)
+
+
+def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
+             frame_interval: float) -> list[tuple[str, str, str, str]]:
+    """Return rows: what, predicted, real, predicted over real."""
+    lines = []
+
+    def line(name: str, predicted: float, real: float, text) -> None:
+        known = math.isfinite(real)
+        ratio = f"{predicted / real:.2f}" if known and real > 0.0 else ""
+        lines.append((name, text(predicted), text(real) if known else "unknown", ratio))
+
+    def plain(value: float) -> str:
+        return f"{value:.4g}"
+
+    steps = table["time_step [s]"]
+    line("time steps", level["steps"], float(np.nansum(np.rint(frame_interval / steps))), plain)
+    for name in ("pressure", "viscosity"):
+        column = f"{name}_iterations [1]"
+        if column in table:
+            line(f"{name} iterations per step", level[f"{name}_iterations"], _mean(table[column], 1.0 / steps), plain)
+    for stage in STAGES:
+        if stage in taken and stage in level["seconds"]:
+            for kind, words in (("wall", "wall time"), ("cpu", "time of all cores")):
+                line(f"{stage}, {words}", level["seconds"][stage][kind], taken[stage][kind], duration)
+    line("memory, largest", level["memory"], float(np.nanmax([one["memory"] for one in taken.values()] or [math.nan])),
+         memory)
+    line("disk", level["disk"], disk, memory)
+    return lines
+
+
+def _mean(values: np.ndarray, weights: np.ndarray) -> float:
+    known = np.isfinite(values) & np.isfinite(weights)
+    return float(np.average(values[known], weights=weights[known])) if known.any() else math.nan
+
+
+def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]]) -> str:
+    """Return the page."""
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in line) + "</tr>" for line in lines)
+    errors = "".join(f"<li>expected error, {html.escape(one['quantity'])}: {one['value']:.2g} "
+                     f"{html.escape('' if one['unit'] == '1' else one['unit'])} ({html.escape(one['source'])})</li>"
+                     for one in level["errors"])
+    if not errors:
+        errors = "<li>expected error: unknown; `snakemake -j2 accuracy` measures it.</li>"
+    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}: cost</title>'
+            f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1><p>Accuracy {level['accuracy']}. The "
+            "prediction holds for a first run on a computer that does nothing else; stages that run side by side, and "
+            "kernels that Taichi finds in its cache, change the clock. The error of a run is known only where there is "
+            "an exact solution: the one expected is that of the accuracy study.</p>"
+            "<table><tr><th>what</th><th>predicted</th><th>real</th><th>predicted / real</th></tr>"
+            f"{body}</table><ul>{errors}</ul></body></html>\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.cost", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
+    p.add_argument("estimate", type=Path, help="prediction of pipeline.estimate --format json")
+    p.add_argument("metrics", type=Path, help="metrics of the run (metrics.csv)")
+    p.add_argument("--benchmarks", type=Path, required=True, metavar="DIR", help="what Snakemake wrote of the stages")
+    p.add_argument("--output", type=Path, required=True, help="page to write")
+    options = p.parse_args(arguments)
+    scene, folder = load_resolved(options.scene), options.scene.parent
+    try:
+        levels = json.loads(options.estimate.read_text(encoding="utf-8"))["levels"]
+        level = next(one for one in levels if one["accuracy"] == scene.accuracy)
+    except (OSError, ValueError, KeyError, TypeError, StopIteration) as error:
+        raise UserError(f"{options.estimate}: is no estimate of {scene.name} at {scene.accuracy}; make it again with "
+                        "`python -m pipeline.estimate`") from error
+    disk = float(sum(size(folder / name) for name in FILES if (folder / name).exists()))
+    lines = compared(level, measured(sorted(options.benchmarks.glob("*.tsv"))), read_table(options.metrics), disk,
+                     scene.output.frame_interval)
+    write_text(options.output, page_of(scene.title or scene.name, level, lines))
+    for name, predicted, real, ratio in lines:
+        print(f"{name:34s} {predicted:>10s} {real:>10s} {ratio:>6s}")
+
+
+if __name__ == "__main__":
+    run(main)
