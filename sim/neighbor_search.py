@@ -12,7 +12,7 @@ import taichi as ti
 
 from sim.boundary import Walls
 from sim.fields import ParticleStore
-from sim.runtime import real
+from sim.runtime import real, real_numpy
 
 REACH = 2  # cells on each side that can hold neighbors
 
@@ -88,8 +88,11 @@ class NeighborSearch:
         if any(0.0 < period < 2.0 * h for period in self.periods):
             raise ValueError(f"periods are {self.periods} m, but must be 0 or at least two support radii, {2.0 * h} m")
         # A particle near the end of a periodic axis looks for neighbors from its place beyond the other end too.
-        self.images = [ti.Vector(image) for image in itertools.product(
-            *[(0.0, -period, period) if period else (0.0,) for period in self.periods])]
+        images = np.array(list(itertools.product(
+            *[(0.0, -period, period) if period else (0.0,) for period in self.periods])))
+        self.image_count = len(images)
+        self.image = ti.Vector.field(self.dimension, real(), shape=len(images))
+        self.image.from_numpy(images.astype(real_numpy()))
         # Cells of half the support: 5^d of them hold 40 % fewer candidates than 3^d cells of the whole support.
         self.cell = 0.5 * h * (1.0 + 1e-6)
         self.origin_numpy = np.asarray(lower) - (REACH + 0.5) * self.cell
@@ -209,8 +212,8 @@ class NeighborSearch:
         for i in range(self.particles.count[None]):
             n = 0
             m = 0
-            for image in ti.static(self.images):
-                x = self.position[i] + image
+            for s in range(self.image_count):
+                x = self.position[i] + self.image[s]
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
@@ -224,8 +227,8 @@ class NeighborSearch:
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
             n = 0
-            for image in ti.static(self.images):
-                x = self.walls.position[b] + image
+            for s in range(self.image_count):
+                x = self.walls.position[b] + self.image[s]
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
