@@ -188,13 +188,14 @@ def tension_needs_a_full_cavity(effects: dict, container: Container | None, bloc
                "container, or use cohesion and curvature")
 
 
-def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...]) -> Found:
-    densities = [liquid.density for liquid in liquids]
-    limit = SCHEMES[numerics.scheme].largest_density_ratio
+def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...], container: Container | None,
+                                       blocks: tuple[Block, ...]) -> Found:
+    densities, closed = [liquid.density for liquid in liquids], is_closed(container, blocks)
+    limit = SCHEMES[numerics.scheme].density_ratio_limit(closed)
     if densities and max(densities) > limit * (1.0 + ROUNDING) * min(densities):
         yield (("liquids",), f"have densities from {min(densities):g} to {max(densities):g} kg/m3, a ratio of "
                              f"{max(densities) / min(densities):.3g}, but the scheme {numerics.scheme} was shown to "
-                             f"work up to {limit:g}")
+                             f"work up to {limit:g} {'in a full cavity' if closed else 'under a free surface'}")
 
 
 def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,

@@ -129,8 +129,12 @@ class Average:
         return summary
 
 
-def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> dict:
+def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: Path | None = None) -> dict:
     """Advance `solver` over one segment and write its frames into `folder`.
+
+    Parameters
+    ----------
+    restart : checkpoint that the segment started from.
 
     Returns
     -------
@@ -139,13 +143,16 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> dict:
     Raises
     ------
     UserError
-        When the run goes bad; the message names the step and what failed.
+        When the run goes bad; the message names step, particle and part, and what is left to start from.
     """
     from sim.costs import times
     from sim.errors import RunError
+    from sim.time_step import SMALL_STEP, step_at_rest
 
     frames = scene.frames_of_segment(segment)
     average, first, warm = Average(), solver.step_count, {}
+    usual, told = step_at_rest(solver), False
+    good = solver.state()
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
     with progress(len(frames), label) as bar:
         for index in frames:
@@ -157,14 +164,18 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> dict:
                     average.add(solver.statistics)
                     if solver.step_count == first + WARM_UP:
                         warm = times(solver)
+                    if dt < SMALL_STEP * usual and not told:
+                        told = warn_of_small_steps(scene, solver, dt, usual)
                     bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
                                         f"{solver.statistics['pressure_iterations']} pressure iterations")
                     bar.update(dt / (until - begin))
+                solver.check_finite()
             except (RunError, OverflowError) as error:
-                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: {error}; "
-                                "the last checkpoint is kept, try a smaller numerics.courant_number, "
-                                "numerics.maximum_time_step or, if given, numerics.time_step"
+                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: "
+                                f"{diagnosis(solver, good, until, error)}; {kept(scene, restart)}, try a smaller "
+                                "numerics.courant_number, numerics.maximum_time_step or, if given, numerics.time_step"
                                 ) from error
+            good = solver.state()
             if index == 0:
                 solver.prepare_output()
                 bar.update(1)
@@ -175,6 +186,35 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path) -> dict:
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
     return warm if solver.step_count > first + WARM_UP else {}
+
+
+def diagnosis(solver, good: dict, until: float, error: Exception) -> str:
+    """What went bad and where, found by repeating the steps since the last frame; else the error itself."""
+    from sim.errors import RunError
+    from sim.solver import Divergence
+
+    if not isinstance(error, Divergence | OverflowError):
+        return str(error)
+    try:
+        solver.replay(good, until)
+    except (RunError, OverflowError) as found:
+        return str(found)
+    return f"{error} (which did not happen again when the steps since the last frame were repeated)"
+
+
+def kept(scene: Scene, restart: Path | None) -> str:
+    """What is left to start from after a run went bad."""
+    if restart is None:
+        return f"there is no checkpoint before, {scene.name} starts anew"
+    return f"the last good checkpoint is kept, {restart}"
+
+
+def warn_of_small_steps(scene: Scene, solver, dt: float, usual: float) -> bool:
+    """Say that a violent motion takes small steps; return that it was said."""
+    print(f"{scene.name}: warning: at {solver.time:.4g} s the time step falls to {dt:.2g} s, where {usual:.2g} s do "
+          f"for the liquid at rest: it moves at up to {solver.largest[0]:.3g} m/s, accelerated by up to "
+          f"{solver.largest[1]:.3g} m/s2; the run goes on in small steps", flush=True)
+    return True
 
 
 def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> None:
@@ -265,7 +305,7 @@ def main() -> None:
     steps = solver.step_count
     with replacing_folder(arguments.frames) as folder:
         with counted_launches() as launches:
-            warm = simulate_segment(scene, solver, arguments.segment, folder)
+            warm = simulate_segment(scene, solver, arguments.segment, folder, arguments.restart)
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
         write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)

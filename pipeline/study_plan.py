@@ -55,19 +55,24 @@ class Study:
     cases: dict[str, Case]
     report: str = "curves"
 
+    def families(self) -> list[types.ModuleType]:
+        """Families of the cases, each once."""
+        return list(dict.fromkeys(case.family for case in self.cases.values()))
+
     def figures(self) -> list:
         """Figures of all families, each once; none in a study of what accuracy costs, which has its own."""
         if self.report == "tradeoff":
             return []
-        families = dict.fromkeys(case.family for case in self.cases.values())
-        return [figure for family in families for figure in getattr(family, "FIGURES", ())]
+        return [figure for family in self.families() for figure in getattr(family, "FIGURES", ())]
 
     def pictures(self) -> list[str]:
-        """Names of all PNG files of the study: its figures, and pictures that a family makes itself."""
-        families = dict.fromkeys(case.family for case in self.cases.values())
+        """Names of all PNG files of the study: its figures, and pictures that a family makes itself.
+
+        A case returns its pictures with its outcome; ``pictures(outcomes)`` of a family draws all of its cases.
+        """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
-        made = [name for family in families for name in getattr(family, "PICTURES", ())]
+        made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
     def family_names(self) -> list[str]:

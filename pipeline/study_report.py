@@ -30,8 +30,10 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
     for figure in study.figures():
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
-    for outcome in outcomes:
-        for name, content in outcome.pictures.items():
+    made = [outcome.pictures for outcome in outcomes]
+    made += [family.pictures(outcomes) for family in study.families() if hasattr(family, "pictures")]
+    for pictures in made:
+        for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
     _write_page(target / "table.html", study, outcomes, rows)

@@ -76,13 +76,15 @@ def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: s
 
 def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Sequence[Liquid],
           effects: dict[str, dict[str, Any]], phase: Callable = lambda x: np.zeros(len(x)),
-          velocity: Callable | None = None, filled: Callable | None = None, **numerics) -> Solver:
+          velocity: Callable | None = None, filled: Callable | None = None, scheme_parameters: object = None,
+          **numerics) -> Solver:
     """Return the solver of a case; functions of the positions, (n, 2) -> (n,) or (n, 2), describe the start.
 
     Parameters
     ----------
     effects : name -> parameters.
     filled : where there is liquid; without it the cavity is full, and has no free surface.
+    scheme_parameters : of the scheme; its defaults without them.
     numerics : further keys of ``Numerics``.
     """
     position, volume = arrays["fluid_position"], arrays["fluid_volume"]
@@ -90,7 +92,7 @@ def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Seque
         keep = filled(position)
         position, volume = position[keep], volume[keep]
     settings = changed(case, Settings(
-        dimension=position.shape[1], liquids=tuple(liquids), closed=filled is None,
+        dimension=position.shape[1], liquids=tuple(liquids), closed=filled is None, scheme=scheme_parameters,
         periods=tuple(arrays.get("periods", ())),
         effects=tuple(REGISTRY[name].Parameters(**values) for name, values in effects.items()),
         numerics=Numerics(particle_spacing=float(arrays["particle_spacing"]), scheme=case.scheme, kernel=case.kernel,

@@ -275,5 +275,14 @@ class NeighborSearch:
             rows = getattr(self, name)
             if rows.longest[None] > rows.width:
                 raise OverflowError(
-                    f"a particle has {rows.longest[None]} neighbors where {rows.width} fit ({name}): "
+                    f"{self._most_crowded(name)} has {rows.longest[None]} neighbors where {rows.width} fit ({name}): "
                     "particles pile up; use a smaller time step")
+
+    def _most_crowded(self, name: str) -> str:
+        """The particle with the longest of some rows, in words."""
+        rows = getattr(self, name)
+        row = int(np.argmax(rows.count.to_numpy()))
+        position = (self.walls.position if name == "wall_rows" else self.position)[row]
+        place = ", ".join(f"{value:.4g}" for value in position.to_numpy())
+        number = "a wall particle" if name == "wall_rows" else f"particle {self.particles.arrays['id'][row]}"
+        return f"{number} at ({place}) m"

@@ -6,6 +6,7 @@ import taichi as ti
 
 from sim import effects as effect_registry
 from sim import schemes
+from sim.diagnosis import Watcher, bad_number, described
 from sim.errors import RunError
 from sim.fields import Field, ParticleStore
 from sim.lazy import without_idle
@@ -24,6 +25,8 @@ BASE_FIELDS = (
     Field("mass", "scalar", "kg", "mass", carried=True),
     Field("acceleration", "vector", "m/s2", "sum of the accelerations other than pressure and implicit viscosity"),
 )
+
+COINCIDENT_SHIFT = 0.01  # of a particle that starts where another one is, in particle spacings
 
 
 def capacity_for(count: int) -> int:
@@ -67,6 +70,7 @@ class Solver:
         self.statistics: dict[str, float] = {}
         self.seconds: dict[str, float] = {}  # by the clock, of every timed part
         self.cpu_seconds: dict[str, float] = {}  # of all cores
+        self.watcher: Watcher | None = None
 
         order = [type(p) for p in settings.effects]
         classes = [c for c in effect_registry.REGISTRY.values() if c.Parameters in order]
@@ -98,7 +102,7 @@ class Solver:
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
             setattr(self, f"{hook}_effects",
                     [e for e in self.effects if e.overrides(hook) and hook not in e.unused_hooks])
-        self._prepare_rest_state()
+        self.prepare_rest_state()
 
     def _set_particles(self, position, volume, phase, velocity):
         n = len(position)
@@ -109,11 +113,25 @@ class Solver:
                              ("velocity", np.zeros_like(position) if velocity is None else velocity)):
             self.particles.from_numpy(name, values)
 
-    def _prepare_rest_state(self):
+    def prepare_rest_state(self) -> None:
+        """Take the present particles as the start: what the scheme measures at rest."""
+        self._part_coincident()
         self.search.sort()
         self.search.build()
         self.scheme.measure()
         self.scheme.set_rest_state()
+
+    def _part_coincident(self):
+        """Move particles off the very place of another one: no force of a pair has a direction there."""
+        position = self.particles.to_numpy("position")
+        _, first = np.unique(position, axis=0, return_index=True)
+        if len(first) == len(position):
+            return
+        again = np.setdiff1d(np.arange(len(position)), first)
+        direction = np.random.default_rng(again).normal(size=(len(again), self.dimension))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        position[again] += COINCIDENT_SHIFT * self.spacing * direction
+        self.particles.from_numpy("position", position)
 
     @ti.kernel
     def _largest_values(self):
@@ -163,6 +181,9 @@ class Solver:
             limits.append(numerics.courant_number * self.spacing / speed)
         if acceleration > 0.0:
             limits.append(0.5 * (self.spacing / acceleration) ** 0.5)
+        if self.step_count == 0:  # no acceleration was measured yet
+            limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
+                       if e.name == "gravity" and e.largest_acceleration() > 0.0]
         limits.append(self.scheme.stable_time_step())
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
@@ -172,16 +193,30 @@ class Solver:
         stable, fixed = self.stable_time_step(), self.settings.numerics.time_step
         if fixed is not None and fixed > (1.0 + 1e-6) * stable:
             raise Divergence(f"step {self.step_count}: the fixed time step of {fixed:.3g} s (numerics.time_step) is "
-                             f"above the largest stable one, {stable:.3g} s; largest speed {self.largest[0]:.3g} m/s, "
-                             f"acceleration {self.largest[1]:.3g} m/s2")
+                             f"above the largest stable one, {stable:.3g} s; {self._largest_in_words()}")
         return stable if fixed is None else fixed
+
+    def _largest_in_words(self) -> str:
+        """Largest speed, with its particle, and largest acceleration."""
+        speeds = np.linalg.norm(self.particles.to_numpy("velocity").astype(float), axis=1)
+        words = f"largest speed {self.largest[0]:.3g} m/s"
+        if self.largest[0] > 0.0:
+            words += f" of {described(self, int(np.argmax(speeds)))}"
+        words += f", largest acceleration {self.largest[1]:.3g} m/s2"
+        return words + (f"; {self.watcher.gain_in_words}" if self.watcher and self.watcher.gain_in_words else "")
 
     def timed(self, name, function, *arguments):
         start, cpu_start = time.perf_counter(), time.process_time()
         result = function(*arguments)
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.cpu_seconds[name] = self.cpu_seconds.get(name, 0.0) + time.process_time() - cpu_start
+        if self.watcher:
+            self._stop_if(self.watcher.look(f"the part '{name}'"))
         return result or {}
+
+    def _stop_if(self, found: str) -> None:
+        if found:
+            raise Divergence(f"step {self.step_count}, from {self.time:.6g} s on: {found}")
 
     def _run(self, hook: str, *arguments) -> dict:
         """Call a host hook of every effect that has it, each on its own timing row."""
@@ -205,7 +240,19 @@ class Solver:
         if dt < self.settings.numerics.minimum_time_step and dt < largest_step:
             raise Divergence(f"step {self.step_count}: the time step fell to {dt:.3g} s, below "
                              f"{self.settings.numerics.minimum_time_step:.3g} s (numerics.minimum_time_step); "
-                             f"largest speed {self.largest[0]:.3g} m/s, acceleration {self.largest[1]:.3g} m/s2")
+                             f"{self._largest_in_words()}")
+        try:
+            statistics = self._step_by(dt)
+        except (ValueError, ArithmeticError, IndexError) as error:  # what NumPy and Python make of a nan
+            if not isinstance(error, OverflowError):
+                self.check_finite()
+            raise
+        self.time += dt
+        self.step_count += 1
+        self.statistics = {"time_step": dt, **statistics}
+        return dt
+
+    def _step_by(self, dt: float) -> dict[str, float]:
         self._run("exchange", dt)
         self.timed("neighbors", self.search.sort)
         self.timed("neighbors", self.search.build)
@@ -213,13 +260,12 @@ class Solver:
         self._run("prepare", dt)
         statistics = self.scheme.step(dt)
         self._run("finish", dt)
-        self.time += dt
-        self.step_count += 1
-        self.statistics = {"time_step": dt, **statistics}
-        return dt
+        return statistics
 
     def accelerate(self, dt: float) -> None:
         """Add the accelerations of the effects to the velocity."""
+        if self.watcher:
+            self._stop_if(self.watcher.look_at_accelerations())
         self.timed("accelerations", self._accelerate, dt)
 
     def correct_velocity(self, dt: float) -> dict[str, float]:
@@ -233,14 +279,43 @@ class Solver:
 
     def _check(self):
         if not np.isfinite(self.largest[2]):
-            velocity = self.particles.to_numpy("velocity")
-            bad = int(np.flatnonzero(~np.isfinite(velocity).all(1))[0])
-            raise Divergence(f"step {self.step_count}: the velocity of particle {self.particles.to_numpy('id')[bad]} "
-                             f"at {self.particles.to_numpy('position')[bad]} m is not finite")
+            self.check_finite()
+
+    def check_finite(self) -> None:
+        """Look at every number that a checkpoint or frame would hold.
+
+        Raises
+        ------
+        Divergence
+            One of them is not finite; the message names the particle.
+        """
+        found = bad_number(self)
+        if found:
+            name, row, count = found
+            raise Divergence(f"step {self.step_count}: the {name.replace('_', ' ')} of {described(self, row)} is not "
+                             f"finite, and that of {count - 1} more particles")
+
+    def replay(self, state: dict, until: float) -> None:
+        """Repeat the steps from a state on, and look after every part of them; slow.
+
+        Raises
+        ------
+        Divergence
+            What goes bad, with the part of the step in which it does.
+        """
+        self.restore(state)
+        self.watcher = Watcher(self)
+        try:
+            for _ in self.advance(until):
+                pass
+            self.check_finite()
+        finally:
+            self.watcher = None
 
     def advance(self, until: float):
         """Advance to the time `until`, s, exactly; yields after every step."""
         while self.time < until:
+            self._check()
             remaining = until - self.time
             limit = self.settings.numerics.time_step or (
                 remaining if self.step_count == 0 else self.stable_time_step())

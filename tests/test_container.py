@@ -190,7 +190,7 @@ def test_limits_of_a_scheme_are_respected(write, monkeypatch):
     monkeypatch.setattr(SCHEMES["wcsph"], "largest_density_ratio", 10.0)
     messages = errors_of(write("extends: base\nliquids: {aqueous: {density: 1 kg/m3}}\n"))
     assert messages[0].endswith("liquids have densities from 1 to 970 kg/m3, a ratio of 970, but the scheme wcsph was "
-                                "shown to work up to 10")
+                                "shown to work up to 10 under a free surface")
     monkeypatch.setattr(SCHEMES["wcsph"], "fills", ("closed",))
     assert "is wcsph, which cannot have a free surface, but" in errors_of(write("extends: base"))[0]
     monkeypatch.setattr(SCHEMES["wcsph"], "fills", ("open",))

@@ -56,7 +56,7 @@ def state(request):
     factor = np.random.default_rng(5).uniform(0.7, 1.4, len(volume))
     solver.particles.from_numpy("volume", volume * factor)
     solver.particles.from_numpy("mass", mass * factor)
-    solver._prepare_rest_state()
+    solver.prepare_rest_state()
     return solver, solver.scheme.pressure_solver, Reference(solver)
 
 

@@ -152,7 +152,8 @@ def test_velocity_that_is_not_finite_is_named(tank, bad):
     with pytest.raises(Divergence) as caught:
         tank.step()
     assert str(caught.value).startswith(f"step {tank.step_count}: ")
-    assert f"velocity of particle {ids[17]} at" in str(caught.value) and "not finite" in str(caught.value)
+    liquid = ("aqueous", "oil")[tank.particles.to_numpy("phase")[17]]
+    assert f"velocity of particle {ids[17]} ({liquid}, at" in str(caught.value) and "not finite" in str(caught.value)
     for coordinate in position[17]:
         assert f"{coordinate:.4g}".rstrip("0")[:5] in str(caught.value).replace("e-03", "")
 

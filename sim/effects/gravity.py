@@ -101,6 +101,11 @@ class Gravity(Effect):
                 total = total - np.sin(np.pi * phase) * np.array(jolt.acceleration)
         return total[: self.solver.dimension]
 
+    def largest_acceleration(self) -> float:
+        """Largest acceleration that gravity gives any liquid at the present time, m/s^2."""
+        share = max(abs(1.0 - self.reference_density / liquid.density) for liquid in self.solver.liquids)
+        return share * float(np.linalg.norm(self.at(self.solver.time)))
+
     def prepare(self, dt: float) -> None:
         self.vector[None] = ti.Vector(list(self.at(self.solver.time)))
 

@@ -34,6 +34,7 @@ class Scheme(abc.ABC):
     fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
     refuses : effects that it cannot run, with the reason.
     largest_density_ratio : of two liquids, up to which it was shown to work.
+    largest_density_ratio_full : the same in a full cavity, where liquids cannot give way; None where it is the same.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Scheme(abc.ABC):
     fills: tuple[str, ...] = ("closed", "open")
     refuses: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
+    largest_density_ratio_full: float | None = None
 
     def __init__(self, solver):
         self.solver = solver
@@ -54,6 +56,12 @@ class Scheme(abc.ABC):
         for name in ("position", "velocity", "acceleration", "volume", "mass", "phase",
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
+
+    @classmethod
+    def density_ratio_limit(cls, closed: bool) -> float:
+        """Largest ratio of densities that the scheme was shown to work with, in a full cavity or not."""
+        full = cls.largest_density_ratio_full
+        return full if closed and full is not None else cls.largest_density_ratio
 
     @classmethod
     def time_step_limit(cls, settings) -> float:

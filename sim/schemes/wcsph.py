@@ -53,6 +53,7 @@ class WCSPH(Scheme):
     Parameters = WCSPHParameters
     refuses = MappingProxyType({"injection": "it has no pressure solve that could take up the growing volumes"})
     largest_density_ratio = 100.0  # two layers at rest keep 1.1 % of rho g H; at 1:1000 particles pile up
+    largest_density_ratio_full = 10.0  # liquids that change places in a full cavity gain energy at 1:30
     fields = (
         Field("pressure", "scalar", "Pa", "pressure of the equation of state", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),

@@ -1,0 +1,110 @@
+"""Runs that go bad on purpose are diagnosed, violent ones go on in small steps, and hard cases are held to limits."""
+import dataclasses
+
+import cavities
+import numpy as np
+import pytest
+import taichi as ti
+
+from pipeline.errors import UserError
+from pipeline.scene import load_scene
+from pipeline.simulate import simulate_segment
+from sim import effects
+from sim.effects.effect import Effect
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@dataclasses.dataclass(frozen=True)
+class FaultParameters:
+    """When and where the effect goes bad."""
+
+    step: int = 3
+    hook: str = "acceleration"
+
+
+@ti.data_oriented
+class Fault(Effect):
+    """Bad numbers for one particle in one step."""
+
+    name = "fault"
+    Parameters = FaultParameters
+    uses = ("id", "position", "velocity")
+
+    def __init__(self, parameters, solver):
+        super().__init__(parameters, solver)
+        self.now = ti.field(ti.i32, shape=())
+
+    def prepare(self, dt):
+        self.now[None] = int(self.parameters.hook == "acceleration" and self.solver.step_count >= self.parameters.step)
+
+    @ti.func
+    def body_acceleration(self, i):
+        a = self.particles.velocity[i] * 0.0
+        if self.now[None] == 1 and self.particles.id[i] == 17:
+            a[0] = ti.sqrt(-1.0 - self.particles.position[i][0] ** 2)
+        return a
+
+    def finish(self, dt):
+        if self.parameters.hook in ("velocity", "push") and self.solver.step_count >= self.parameters.step:
+            row = int(np.flatnonzero(self.solver.particles.to_numpy("id") == 17)[0])
+            speed = np.nan if self.parameters.hook == "velocity" else 1e6
+            self.solver.particles.set_row(row, {"velocity": np.array([speed, 0.0])})
+
+
+@pytest.fixture(scope="module")
+def solver(taichi):
+    """Return a solver with the effect in a box, and its start."""
+    effects.REGISTRY["fault"] = Fault
+    arrays = cavities.cavity("box", (0.012, 0.012))
+    built = cavities.build(arrays, effects=(FaultParameters(), cavities.parameters("gravity")), scheme="wcsph",
+                           maximum_time_step=1e-4)
+    del effects.REGISTRY["fault"]
+    return built, built.state()
+
+
+@pytest.fixture
+def faulty(solver, monkeypatch):
+    """Return a function that puts that solver back to its start and chooses its fault."""
+    monkeypatch.setitem(effects.REGISTRY, "fault", Fault)
+
+    def chosen(**values):
+        solver[0].restore(solver[1])
+        next(effect for effect in solver[0].effects if effect.name == "fault").parameters = FaultParameters(**values)
+        return solver[0]
+    return chosen
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene with two frames, whose solver the tests replace."""
+    path = tmp_path / "bad.yaml"
+    path.write_text("dimension: 2\ncontainer: {size: [12 mm, 12 mm]}\nliquids: [aqueous, silicone_oil_1000]\n"
+                    "blocks: [{liquid: aqueous, lower: [0, 0], upper: [12 mm, 6 mm]}]\neffects: {gravity: {}}\n"
+                    "numerics: {particle_spacing: 1 mm}\n"
+                    "levels: {draft: {particle_spacing: 1 mm}, standard: {particle_spacing: 1 mm}, "
+                    "fine: {particle_spacing: 1 mm}}\noutput: {duration: 2 ms, frame_interval: 1 ms}\n")
+    return load_scene(path, "draft")
+
+
+@pytest.mark.parametrize(("hook", "words"), [
+    ("acceleration", "the effect fault gives particle 17 (aqueous, at ("),
+    ("velocity", "the part 'fault' makes the velocity of particle 17 (aqueous, at ("),
+    ("push", "in which the part 'fault' took particle 17 (aqueous, at ("),
+])
+def test_run_that_goes_bad_names_particle_part_step_and_checkpoint(faulty, scene, tmp_path, hook, words):
+    with pytest.raises(UserError) as caught:
+        simulate_segment(scene, faulty(hook=hook), 0, tmp_path / "frames", tmp_path / "segment_000.npz")
+    sentence = str(caught.value)
+    assert words in sentence and "step 3" in sentence and sentence.startswith("bad: the run went bad at 0.000")
+    assert f"the last good checkpoint is kept, {tmp_path / 'segment_000.npz'}" in sentence
+    assert [path.name for path in (tmp_path / "frames").iterdir()] == ["frame_00000.vtu"]
+
+
+def test_bad_last_step_before_a_frame_is_not_written(faulty, scene, tmp_path):
+    """The check at the start of the next step would come too late."""
+    steps = cavities.run(faulty(hook="none"), 1e-3)
+    solver = faulty(step=len(steps) - 1, hook="velocity")
+    with pytest.raises(UserError, match="the part 'fault' makes the velocity of particle 17"):
+        simulate_segment(scene, solver, 0, tmp_path / "frames")
+    assert [path.name for path in (tmp_path / "frames").iterdir()] == ["frame_00000.vtu"]
