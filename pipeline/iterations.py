@@ -20,6 +20,7 @@ surface the solve ends at its smallest number of iterations nearly always: 5 at 
 import math
 
 from pipeline.dimensionless_numbers import Scales
+from pipeline.scene_work import active_effects
 from sim.schemes.position_based import PositionBasedParameters
 
 VISCOUS = 1.75
@@ -32,7 +33,7 @@ FREE_SURFACE, DFSPH = 5.0, 7.0
 def viscosity_iterations(scales: Scales, time_step: float) -> float:
     """Return iterations per step of the implicit viscosity; 0 without it."""
     numerics = scales.scene.numerics
-    if "viscosity_implicit" not in scales.scene.effects:
+    if "viscosity_implicit" not in active_effects(scales.scene):
         return 0.0
     kinematic = max(liquid.dynamic_viscosity / liquid.density for liquid in scales.liquids)
     number = math.sqrt(kinematic * time_step) / scales.spacing

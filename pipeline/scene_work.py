@@ -9,6 +9,7 @@ from pipeline.cost_model import neighbor_entries
 from pipeline.scene_model import Scene
 from sim.effects import REGISTRY
 from sim.effects.effect import Effect
+from sim.lazy import cheapest, without_idle
 from sim.neighbor_search import row_widths
 from sim.schemes import REGISTRY as SCHEMES
 from sim.solver import capacity_for
@@ -57,7 +58,7 @@ def scene_work(scene: Scene, cavity_volume: float, cavity_area: float) -> SceneW
     radius = dimension * cavity_volume / cavity_area / spacing  # of the ball with this ratio of volume to surface
     walls = sum(cavity_area / spacing ** (dimension - 1) * (1.0 + depth / radius) ** (dimension - 1)
                 for depth in layers)
-    crowding = max([1.25, *(REGISTRY[name].crowding for name in scene.effects)])
+    crowding = max([1.25, *(REGISTRY[name].crowding for name in active_effects(scene))])
     widths = row_widths(numerics.support_ratio, dimension, crowding)
     real = 4 if numerics.precision == "f32" else 8
     rows = capacity_for(particles) * (widths[0] + widths[1]) + walls * widths[2]
@@ -79,16 +80,22 @@ def _particles(scene: Scene, cavity_volume: float) -> int:
     return sum(len(points) for points, _ in block_lattices(scene.blocks, spacing))
 
 
+def active_effects(scene: Scene) -> list[str]:
+    """Return the names of the effects that the solver runs: idle ones are left out, others take their cheapest form."""
+    present = {type(parameters) for parameters in without_idle(cheapest(scene.settings())[0])[0].effects}
+    return [name for name, effect in REGISTRY.items() if effect.Parameters in present]
+
+
 def effect_parts(scene: Scene) -> list[str]:
     """Return the names of the effects that have a row of timings of their own."""
-    return [name for name in scene.effects if any(
+    return [name for name in active_effects(scene) if any(
         getattr(REGISTRY[name], hook) is not getattr(Effect, hook) for hook in HOST_HOOKS)]
 
 
 def pair_effects(scene: Scene) -> int:
     """Return how many effects add to the accelerations between particles."""
     return sum(any(getattr(REGISTRY[name], hook) is not getattr(Effect, hook) for hook in PAIR_HOOKS)
-               for name in scene.effects)
+               for name in active_effects(scene))
 
 
 def variant(scene: Scene) -> str:
