@@ -29,7 +29,8 @@ UNTOLD = ("resolutions", "seed")  # parameters that are no change
 NAMES = {"tolerance_factor": "tolerances x {:g}", "time_step_factor": "time step x {:g}", "support_ratio": "h/dx {:g}",
          "precision": "{}", "scheme": "{}"}
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4aa8a0", "#d16ba5", "#7a8b2f", "#4b4e57", "#a05a2c")
-MARKERS = "sD^v<>PXph"
+MARKERS = "sD^v<>PXp"
+ORDERS = np.linspace(0.1, 6.0, 1181)  # that are tried where the finest run is the reference
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,28 +112,51 @@ def base_points(points: Sequence[Point]) -> list[Point]:
                   key=lambda point: point.resolution)
 
 
+def law_of(points: Sequence[Point]) -> tuple[float, float]:
+    """Return order p and factor C of the error C n^-p with n spacings along the case; nan without two errors.
+
+    Where a run is compared with the finest one, of m spacings, their difference is C (n^-p - m^-p): p is the one that
+    leaves the least of the logarithms.
+    """
+    base = [point for point in base_points(points) if point.error > 0.0]
+    if len(base) < 2:
+        return math.nan, math.nan
+    size, errors = (np.array([getattr(point, name) for point in base]) for name in ("resolution", "error"))
+    finest = max((point.resolution for point in points if point.change == SPACING), default=0)
+    if finest == size.max():
+        order = observed_order(1.0 / size, errors)
+        return order, float(np.exp(np.mean(np.log(errors) + order * np.log(size))))
+    left = []
+    for order in ORDERS:
+        misses = np.log(errors) - np.log(size**-order - finest**-order)
+        left.append((float(np.var(misses)), float(order), float(np.exp(misses.mean()))))
+    return min(left)[1:]
+
+
 def order_of(points: Sequence[Point]) -> float:
     """Observed order of the error with the particle spacing."""
-    base = base_points(points)
-    return observed_order([1.0 / point.resolution for point in base], [point.error for point in base])
+    return law_of(points)[0]
 
 
 def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float]) -> dict[str, tuple[float, ...]]:
-    """Return for every accuracy level resolution, time and error, from power laws through the sweep of the spacing.
+    """Return for every accuracy level resolution, time and error.
+
+    The error follows the law of the sweep of the spacing; the time is interpolated in it, and nan beyond it: what small
+    runs take says nothing about large ones (`pipeline.estimate` does).
 
     Parameters
     ----------
     levels : name -> particle spacing, m, in an eye of :data:`WIDTH`; a case resolves ``per_width`` of that.
     """
-    base = [point for point in base_points(points) if point.error > 0.0 and point.cpu > 0.0]
-    if len(base) < 2:
-        return {}
-    size = np.log([point.resolution for point in base])
-    laws = [np.polyfit(size, np.log(values), 1) for values in ([point.cpu for point in base],
-                                                              [point.error for point in base])]
-    resolutions = {name: per_width * WIDTH / spacing for name, spacing in levels.items()}
-    return {name: (resolution, *(float(np.exp(np.polyval(law, np.log(resolution)))) for law in laws))
-            for name, resolution in resolutions.items()}
+    order, factor = law_of(points)
+    base = sorted((point.resolution, point.cpu) for point in points if point.change == SPACING)
+    found = {}
+    for name, spacing in levels.items():
+        resolution = per_width * WIDTH / spacing
+        inside = base[0][0] <= resolution <= base[-1][0]
+        time = float(np.exp(np.interp(np.log(resolution), *np.log(base).T))) if inside else math.nan
+        found[name] = (resolution, time, factor * resolution**-order)
+    return found
 
 
 def spacings() -> dict[str, float]:
@@ -167,9 +191,12 @@ def _orders(name: str, family, points: Sequence[Point]) -> list[dict]:
     base = base_points(points)
     if not base:
         return []
+    order, factor = law_of(points)
+    known = math.isfinite(order)
     return [{"case": name, "quantity": family.HEADLINE, "unit": base[-1].unit,
              "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
-             "resolution": base[-1].resolution, "error": base[-1].error, "order": order_of(points)}]
+             "resolution": base[-1].resolution, "order": order,
+             "error": factor * base[-1].resolution**-order if known else base[-1].error}]
 
 
 def _outcome(name: str, points: Sequence[Point]) -> Outcome:
@@ -195,6 +222,7 @@ def _outcome(name: str, points: Sequence[Point]) -> Outcome:
 def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
     axes = FigureCanvasAgg(canvas).figure.subplots()
@@ -212,15 +240,26 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     front = sorted((point.cpu, point.error) for point in shown if point.front)
     if front:
         axes.plot(*zip(*front, strict=True), color="#c8a200", lw=5, alpha=0.35, zorder=0, label="Pareto front")
-    known = [point.resolution for point in base] or [0]
     for level, (resolution, time, error) in levels_of(points, family.PER_WIDTH, spacings()).items():
-        inside = min(known) <= resolution <= max(known)
-        axes.plot(time, error, "*", ms=14, mfc="#c8a200" if inside else "white", mec="black")
-        axes.annotate(f"{level}: {resolution:.3g}", (time, error), (9, -4), textcoords="offset points", fontsize=9)
-    axes.set(xscale="log", yscale="log", xlabel="computing time without compilation, all cores / s",
-             ylabel=f"error: {family.HEADLINE}" + (f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""))
-    axes.set_title(f"{name.replace('_', ' ')}: what accuracy costs. Numbers: spacings along the case; stars: levels "
-                   "(white: extrapolated)", loc="left", fontsize=10)
+        if not math.isfinite(error):
+            continue
+        if math.isfinite(time):
+            axes.plot(time, error, "*", ms=15, mfc="#c8a200", mec="black", zorder=6)
+            axes.annotate(f"{level} ({resolution:.3g})", (time, error), (9, 6), textcoords="offset points", fontsize=9)
+        else:
+            axes.axhline(error, color="#8a7000", lw=0.9, ls=":", zorder=0)
+            axes.annotate(f"{level} ({resolution:.3g}), by the observed order", (0.995, error), xycoords=(
+                "axes fraction", "data"), ha="right", va="bottom", fontsize=8, color="#6b5700")
+    unit = f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""
+    axes.set(xlabel="computing time without compilation, all cores / s", ylabel=f"error: {family.HEADLINE}{unit}")
+    if shown:
+        axes.set(xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+    axes.set_title(f"{name.replace('_', ' ')}: what accuracy costs (spacings along the case; stars: levels)",
+                   loc="left", fontsize=11)
     axes.grid(alpha=0.3, which="both")
     canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
     with replacing(path) as partial:

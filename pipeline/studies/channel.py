@@ -17,6 +17,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity", "viscosity_implicit")
+SHOWN_BY = ("viscosity_implicit",)  # effects of a scene in which its error is to be expected
 HALF_WIDTH = 1.0  # m, H
 DENSITY = 1000.0  # kg/m^3
 THIN = 1.0  # Pa s, mu_2

@@ -15,6 +15,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity_implicit")
+SHOWN_BY = ("gravity",)  # effects of a scene in which its error is to be expected
 GRAVITY = 9.81
 HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3

@@ -18,6 +18,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("viscosity_implicit", "interface_tension")
+SHOWN_BY = ("interface_tension",)  # effects of a scene in which its error is to be expected
 DENSITY = 1000.0  # kg/m^3
 GRAVITY = 9.81  # m/s^2, of the largest time step only
 CAVITY = 2.0  # radius of the cavity over that of the drop

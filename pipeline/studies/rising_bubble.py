@@ -17,6 +17,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity", "viscosity_implicit", "interface_tension")
+SHOWN_BY = ("gravity", "interface_tension")  # effects of a scene in which its error is to be expected
 WIDTH, HEIGHT, RADIUS = 1.0, 2.0, 0.25  # m
 START = -0.5  # m, height of the bubble's center above the middle of the box
 GRAVITY, TENSION = 0.98, 24.5

@@ -15,6 +15,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("viscosity", "viscosity_implicit")
+SHOWN_BY = ("viscosity",)  # effects of a scene in which its error is to be expected
 PERIOD = 1.0  # m, L = 2 pi / k
 SPEED = 1.0  # m/s, U
 DENSITY = 1000.0  # kg/m^3
