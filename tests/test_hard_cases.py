@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from pipeline import hard_cases as hard
 from pipeline.errors import UserError
 from pipeline.scene import load_scene
 from pipeline.simulate import simulate_segment
@@ -108,3 +109,44 @@ def test_bad_last_step_before_a_frame_is_not_written(faulty, scene, tmp_path):
     with pytest.raises(UserError, match="the part 'fault' makes the velocity of particle 17"):
         simulate_segment(scene, solver, 0, tmp_path / "frames")
     assert [path.name for path in (tmp_path / "frames").iterdir()] == ["frame_00000.vtu"]
+
+
+# Hard cases, in short; the study `stability` has all of them on every scheme.
+
+SHORT = 0.02  # s
+CHOSEN = {"volume_incompressible": (hard.closed_tank, hard.CLOSED), "position_based": (hard.open_tank, hard.OPEN)}
+
+
+@pytest.fixture(scope="module")
+def tanks(taichi):
+    """Return a tank per scheme: one full, one with a free surface."""
+    return {scheme: make(scheme) for scheme, (make, _) in CHOSEN.items()}
+
+
+@pytest.mark.parametrize("scheme", CHOSEN)
+def test_hard_cases_are_held(tanks, scheme):
+    tank, cases = tanks[scheme], CHOSEN[scheme][1]
+    for case in cases:
+        verdict = hard.judge(tank, dataclasses.replace(case, duration=min(SHORT, case.duration)))
+        degrades = "10 m/s" in case.name
+        assert verdict.outcome == (hard.DEGRADED if degrades else hard.HELD), (case.name, verdict.sentence)
+    for case in hard.fixed_steps(tank, dataclasses.replace(cases[0], duration=SHORT))[-1:]:
+        verdict = hard.judge(tank, case)
+        assert verdict.outcome == hard.REFUSED and "the fixed time step of" in verdict.sentence
+
+
+def test_judge_sees_what_breaks(tanks):
+    """Limits that nothing can hold turn a verdict into a failure that names them."""
+    none = hard.Limits(speed=0.0, outside=-1.0, energy=-1.0, compression=0.0)
+    verdict = hard.judge(tanks["position_based"], dataclasses.replace(hard.OPEN[0], duration=SHORT), none)
+    assert verdict.outcome == hard.FAILED
+    for name in ("speed / expected", "particles outside", "energy gained", "compression rate"):
+        assert name in verdict.sentence
+
+
+def test_fast_liquid_takes_small_steps_and_says_so_once(tanks, scene, tmp_path, capsys):
+    tank = tanks["position_based"]
+    tank.reset()
+    hard.throw(tank)
+    simulate_segment(scene, tank.solver, 0, tmp_path / "frames")
+    assert capsys.readouterr().out.count("warning: at ") == 1 and len(list((tmp_path / "frames").iterdir())) == 3
