@@ -35,7 +35,7 @@ class Case:
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """Stages of those scenes, beside their metrics, whose results the case reads."""
+        """Stages of those scenes, beside their metrics, whose results the case reads, or names of single files."""
         return getattr(self.family, "READS", ("frames",))
 
     def digest(self) -> str:

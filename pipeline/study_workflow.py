@@ -48,7 +48,8 @@ class Studies:
         for scene in asked.inputs():
             folder = f"{OUTPUTS}/{scene}"
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
-            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads
+            files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
+            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
                       for segment in self._flow.segments(scene)]
         return files
 

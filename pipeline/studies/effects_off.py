@@ -1,0 +1,179 @@
+"""What every effect of a scene costs and what it changes: the scene beside the same scene with that effect off.
+
+The cost is that of the table of effects (`pipeline.effects`): computing time of all cores without compilation. An
+effect costs more than its own row, or less: it makes other parts work, shortens the time step, or spares the pressure
+solve iterations. So the time that switching it off saves is measured too. What it changes is measured at the end: the
+share of the oil that is elsewhere (where the nearest particle of the other scene holds less oil), the oil's center,
+coverage, interface and speed. Beside it stands what `pipeline.advise` said before any run.
+"""
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.advise import report_of
+from pipeline.effect_advice import SEEN_EFFECT
+from pipeline.frames import FrameData, find_frames, read_frame
+from pipeline.metrics_table import read_table
+from pipeline.picture_grid import as_png, panels
+from pipeline.scene import Scene, load_resolved
+from pipeline.studies.oil_shape import measured
+from pipeline.study_model import Curve, Figure, Outcome, Row
+from pipeline.surface_files import read_surface, surface_path
+from sim.parameters import parameter
+
+FIGURES = (
+    Figure("effects_coverage", "Wall under the oil, with every effect off in turn", "time / s", "covered wall / %"),
+    Figure("effects_center", "Center of the oil, with every effect off in turn", "time / s",
+           "height of the center (superior) / mm"),
+)
+PANEL, COLUMNS = 3.2, 4  # width of a picture in inches, pictures in a row
+PICTURES = ("effects_pictures",)
+READS = ("frames", "surfaces", "images", "effects.csv")
+OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
+METRICS = {"wall coverage": ("wall_coverage", "%"), "fill": ("fill", "%"), "rms speed": ("speed_rms", "mm/s")}
+OUTPUTS = Path("outputs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """The scenes: each with all its effects, and once for every effect that is switched off."""
+
+    scenes: tuple[str, ...] = parameter(meaning="names of the scenes with all effects")
+    off: tuple[str, ...] = parameter(meaning="names of the scenes without one: <scene>_without_<effect>")
+    liquid: str = parameter(meaning="name of the oil")
+
+
+def scenes(parameters: Parameters) -> tuple[str, ...]:
+    """Names of the scenes whose results are read."""
+    return parameters.scenes + parameters.off
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Results of one scene; `numbers` at the end: name -> (value, unit); `costs`: rows of its table of effects."""
+
+    scene: Scene
+    frame: FrameData
+    picture: Path
+    table: dict[str, np.ndarray]
+    costs: dict[str, dict[str, str]]
+    numbers: dict[str, tuple[float, str]]
+
+    @property
+    def seconds(self) -> float:
+        """Computing time of all cores, without compilation, s."""
+        return sum(float(row["cpu_seconds"]) for row in self.costs.values())
+
+    @property
+    def launches(self) -> float:
+        """Launches of kernels per time step."""
+        return sum(float(row["launches_per_step"]) for row in self.costs.values())
+
+
+def run(parameters: Parameters) -> Outcome:
+    """Compare every scene that lacks an effect with the one that has all."""
+    runs = {name: _load(name, parameters.liquid) for name in scenes(parameters)}
+    outcome, order = Outcome(), []
+    for base in parameters.scenes:
+        outcome.rows += _rows_of_base(runs[base])
+        order.append((runs[base], ""))
+        for name in [name for name in parameters.off if name.partition(OFF)[0] == base]:
+            rows, remark, caption = compared(runs[base], runs[name], name.partition(OFF)[2], parameters.liquid)
+            outcome.rows += rows
+            outcome.remarks.append(remark)
+            order.append((runs[name], caption))
+        family = [one for one, _ in order if one.scene.name.partition(OFF)[0] == base]
+        outcome.curves += [curve for one in family for curve in _curves(one, parameters.liquid)]
+    outcome.pictures = {PICTURES[0]: _side_by_side(order)}
+    return outcome
+
+
+def elsewhere(one: FrameData, other: FrameData, oil: int) -> float:
+    """Share of the oil of one frame where the nearest particle of the other frame holds less of it."""
+    nearest = cKDTree(other.position).query(one.position)[1]
+    here, there = one.volume_fraction[:, oil].astype(float), other.volume_fraction[nearest, oil].astype(float)
+    return float(one.volume @ np.maximum(here - there, 0.0) / (one.volume @ here))
+
+
+def judgment(scene: Scene, cavity_volume: float, effect: str) -> tuple[bool, str]:
+    """Whether the advisor says that an effect matters, and its first sentence on it."""
+    found = [one for one in report_of(scene, cavity_volume).advice if one.effect == effect]
+    return any(one.level == SEEN_EFFECT for one in found), found[0].sentence if found else "no advice"
+
+
+def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], str, str]:
+    """Rows, a remark and a caption: what an effect costs and changes."""
+    own, at = base.costs[effect], {"at": off.scene.name}
+    saved = 1.0 - off.seconds / base.seconds
+    moved = elsewhere(base.frame, off.frame, base.frame.liquids.index(liquid))
+    with np.load(OUTPUTS / base.scene.name / "initial.npz") as initial:
+        matters, sentence = judgment(base.scene, float(initial["cavity_volume"]), effect)
+    rows = [Row("the advisor says that it matters (1 or 0)", float(matters), **at),
+            Row("its own share of the computing time", float(own["cpu_share"]), **at),
+            Row("memory of its own", float(own["bytes"]) / 2**20, "MiB", **at),
+            Row("kernels of its own", float(own["kernels"]), **at),
+            Row("computing time of all cores", off.seconds, "s", reference=base.seconds, **at),
+            Row("computing time saved without it / all", saved, **at),
+            Row("time steps", float(off.frame.step), reference=float(base.frame.step), **at),
+            Row("kernel launches per step", off.launches, reference=base.launches, **at),
+            Row("oil that is elsewhere at the end / oil", moved, **at)]
+    for name, (value, unit) in off.numbers.items():
+        reference = base.numbers[name][0]
+        if math.isfinite(value):
+            rows.append(Row(name, value, unit, reference=reference, error=abs(value - reference), **at))
+    share, memory = float(own["cpu_share"]), float(own["bytes"]) / 2**20
+    remark = (f"{off.scene.title} ({base.scene.name}): {100 * abs(saved):.0f} % {'less' if saved > 0.0 else 'more'} "
+              f"computing time, {100 * moved:.1f} % of the oil is elsewhere at the end. Its own part takes "
+              f"{100 * share:.1f} % of the time and {memory:.2f} MiB. Advice before the run: "
+              f"{'it matters; ' if matters else ''}{sentence}.")
+    return rows, remark, f"time {-100 * saved:+.0f} %, oil elsewhere {100 * moved:.0f} %"
+
+
+def _rows_of_base(base: Run) -> list[Row]:
+    at = {"at": base.scene.name}
+    return [Row("computing time of all cores", base.seconds, "s", **at),
+            Row("time steps", float(base.frame.step), **at),
+            *(Row(f"share of the computing time: {part}", float(row["cpu_share"]), **at)
+              for part, row in base.costs.items()),
+            *(Row(name, value, unit, **at) for name, (value, unit) in base.numbers.items())]
+
+
+def _curves(one: Run, liquid: str) -> list[Curve]:
+    time, label = one.table["time [s]"], one.scene.title
+    return [Curve("effects_coverage", label, time, one.table["wall_coverage [%]"], "line"),
+            Curve("effects_center", label, time, one.table[f"center_of_mass_{liquid}_y [mm]"], "line")]
+
+
+def _load(name: str, liquid: str) -> Run:
+    folder = OUTPUTS / name
+    scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
+    last = find_frames(sorted((folder / "frames").glob("segment_*"))[-1])[-1]
+    segment = last.parent.name
+    with (folder / "effects.csv").open(encoding="utf-8") as file:
+        costs = {row["part"]: row for row in csv.DictReader(file)}
+    surface = read_surface(surface_path(folder / "surfaces" / segment, last.stem, liquid))
+    numbers = {label: (float(table[f"{column} [{unit}]"][-1]), unit) for label, (column, unit) in METRICS.items()}
+    numbers |= {f"center of the oil, {axis}": (float(table[f"center_of_mass_{liquid}_{axis} [mm]"][-1]), "mm")
+                for axis in "yz"}
+    area = measured(surface, scene.numerics.particle_spacing)[1]
+    numbers["interface away from the wall"] = (1e6 * area, "mm2")
+    return Run(scene, read_frame(last), folder / "images" / segment / f"{last.stem}.png", table, costs, numbers)
+
+
+def _side_by_side(order: list[tuple[Run, str]]) -> bytes:
+    """The pictures of all scenes at their ends, as PNG."""
+    from matplotlib.image import imread
+
+    height, width = imread(order[0][0].picture).shape[:2]
+    rows = math.ceil(len(order) / COLUMNS)
+    canvas, grid = panels(rows, COLUMNS, (PANEL, PANEL * height / width + 0.5))
+    for axes in grid.flat:
+        axes.axis("off")
+    for axes, (one, caption) in zip(grid.flat, order, strict=False):
+        axes.imshow(imread(one.picture))
+        axes.set_title(f"{one.scene.title}\n{caption or f'{one.seconds:.0f} s of computing time'}", fontsize=9)
+    return as_png(canvas, dpi=100)
