@@ -1,7 +1,8 @@
 """Stage: after a run, what was predicted and what it has cost, side by side.
 
 The prediction is that of `pipeline.estimate`, made from the same scene; what a stage took is what Snakemake wrote into
-outputs/<scene>/benchmarks. Where the computer did other things as well, the clock ran longer: compare the time of all
+outputs/<scene>/benchmarks; of the time of all cores it misses up to the last half minute of a long job, so that of the
+simulation is also given as the solver counts it. Where the computer did other things as well, the clock ran longer: compare the time of all
 cores then.
 """
 import argparse
@@ -74,6 +75,10 @@ def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, n
         column = f"{name}_iterations [1]"
         if column in table:
             line(f"{name} iterations per step", level[f"{name}_iterations"], _mean(table[column], 1.0 / steps), plain)
+    column = "computing_time_cpu [s]"
+    if column in table:
+        line("simulate from its first step on, time of all cores",
+             level["seconds"]["simulate"]["cpu"] - level["start"]["cpu"], float(np.nansum(table[column])), duration)
     for stage in STAGES:
         if stage in taken and stage in level["seconds"]:
             for kind, words in (("wall", "wall time"), ("cpu", "time of all cores")):

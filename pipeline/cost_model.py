@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 SURFACE_PARTS = ("interface_tension",)
+ONE_DIMENSION = 1.8  # entries per particle differ by less in one dimension, and by a factor of three between 2D and 3D
 KINDS = ("wall", "cpu")  # seconds on the clock, seconds of all cores
 
 
@@ -37,10 +38,14 @@ class Work:
     def features(self, part: str) -> np.ndarray:
         """Return what the coefficients of a part multiply, (6,)."""
         once = np.array([1.0, self.particles, self.entries])
-        if part.rpartition("/")[2] in SURFACE_PARTS:
+        if _has_surface(part):
             interface = self.particles ** ((self.dimension - 1.0) / self.dimension)
             return np.concatenate([once, [interface, self.particles * interface, 0.0]])
         return np.concatenate([once, self.rounds * once])
+
+
+def _has_surface(part: str) -> bool:
+    return part.rpartition("/")[2] in SURFACE_PARTS
 
 
 def neighbor_entries(particles: float, wall_area: float, dimension: int, support_ratio: float) -> float:
@@ -72,7 +77,9 @@ class Sample:
 def fit(samples: Iterable[Sample]) -> dict[str, dict[str, list[float]]]:
     """Return the coefficients of every part: part -> "wall" or "cpu" -> (6,), none below zero.
 
-    Relative errors are made small (non-negative least squares): a part of 1 ms counts as much as one of 1 s.
+    Relative errors are made small (non-negative least squares): a part of 1 ms counts as much as one of 1 s. A part
+    that was timed in one dimension only does not tell what goes with particles from what goes with their neighbors: all
+    of it is then counted per neighbor.
     """
     parts: dict[str, list[Sample]] = {}
     for sample in samples:
@@ -83,6 +90,9 @@ def fit(samples: Iterable[Sample]) -> dict[str, dict[str, list[float]]]:
 def _coefficients(part: str, rows: Sequence[Sample], kind: str) -> list[float]:
     seconds = np.maximum([getattr(row, kind) for row in rows], 1e-7)
     matrix = np.array([row.work.features(part) for row in rows]) / seconds[:, None]
+    neighbors = [row.work.entries / row.work.particles for row in rows]
+    if 0.0 < max(neighbors) < ONE_DIMENSION * min(neighbors) and not _has_surface(part):
+        matrix[:, [1, 4]] = 0.0
     scale = np.maximum(np.abs(matrix).max(axis=0), 1e-300)
     return (nnls(matrix / scale, np.ones(len(rows)))[0] / scale).tolist()
 

@@ -24,6 +24,7 @@ class Prediction:
     time_step, decided_by : s, and what decides it.
     seconds : stage -> "wall" (alone on this computer) and "cpu" (of all cores).
     compilation : of that, s of "simulate" in which Taichi compiles.
+    start : of that, s before the first step: imports, and the solver's own compilation.
     total : wall time of all stages, on all cores of this computer.
     memory, disk : bytes, largest of any stage and of all files.
     unknown : effects of the scene that the calibration does not time; they are counted as nothing.
@@ -42,6 +43,7 @@ class Prediction:
     viscosity_iterations: float
     seconds: dict[str, dict[str, float]]
     compilation: dict[str, float]
+    start: dict[str, float]
     total: float
     memory: float
     disk: float
@@ -67,7 +69,7 @@ def predict(scene: Scene, cavity_volume: float, cavity_area: float, calibration:
     parts = [part for part in _parts(scene, calibration["parts"]) if part in calibration["parts"]]
     stages = {name: {kind: _stage(name, scene, work, calibration, kind) for kind in KINDS}
               for name in _stages(scene)}
-    compilation = {kind: _compilation(scene, parts, calibration, kind) for kind in KINDS}
+    compilation = {kind: _compilation(scene, parts, calibration, kind, "build", "frame") for kind in KINDS}
     stages["simulate"] = {kind: (
         steps * sum(seconds(calibration["parts"], part,
                             Work(work.particles, work.entries, work.dimension,
@@ -75,10 +77,12 @@ def predict(scene: Scene, cavity_volume: float, cavity_area: float, calibration:
         + compilation[kind] + scene.segment_count * calibration["imports"][kind]
         + scene.frame_count * seconds(calibration["parts"], "frame", Work(work.particles, 0.0, work.dimension), kind))
         for kind in KINDS}
+    start = {kind: scene.segment_count * calibration["imports"][kind] + _compilation(scene, [], calibration, kind, "build")
+             for kind in KINDS}
     unknown = tuple(name for name in effect_parts(scene) if name not in calibration["parts"])
     return Prediction(
         scene.accuracy, scene.numerics.particle_spacing, work.particles, work.wall_particles, time_step, limit.source,
-        steps, pressure, viscosity, stages, compilation, _total(scene, stages),
+        steps, pressure, viscosity, stages, compilation, start, _total(scene, stages),
         max(calibration["memory"] + work.row_bytes, *(_stage(name, scene, work, calibration, "memory")
                                                       for name in stages if name in calibration["stages"])),
         _disk(scene, work, calibration), unknown,
@@ -92,10 +96,10 @@ def _parts(scene: Scene, known: Mapping) -> list[str]:
             *(part_of(name, scene) for name in effect_parts(scene))]
 
 
-def _compilation(scene: Scene, parts: list[str], calibration: Mapping, kind: str) -> float:
+def _compilation(scene: Scene, parts: list[str], calibration: Mapping, kind: str, *common: str) -> float:
     """Seconds in which kernels are compiled: in the first segment anew, in the others mostly read from a cache."""
     known = calibration["compilation"]
-    once = sum(known[part][kind] for part in ("build", "frame", *parts) if part in known)
+    once = sum(known[part][kind] for part in (*common, *parts) if part in known)
     return once * (1.0 + (scene.segment_count - 1) * calibration["compilation_again"])
 
 

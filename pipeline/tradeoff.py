@@ -99,11 +99,12 @@ def _reference(case: Case, outcome: Outcome):
 
 
 def _difference(outcome: Outcome, resolution: int, reference) -> float:
-    """Largest difference of a curve from that of the reference, over the largest value of that one."""
+    """Root mean square difference of a curve from that of the reference, over the root mean square of that one."""
     curve = _curve(outcome, resolution)
     if curve is None or reference is None or np.array_equal(curve, reference):
         return math.nan
-    return float(np.abs(np.interp(reference[0], *curve) - reference[1]).max() / np.abs(reference[1]).max())
+    difference = np.interp(reference[0], *curve) - reference[1]
+    return float(np.sqrt((difference**2).mean() / (reference[1] ** 2).mean()))
 
 
 def base_points(points: Sequence[Point]) -> list[Point]:
@@ -167,6 +168,7 @@ def spacings() -> dict[str, float]:
 def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> list[Outcome]:
     """Write a figure and a CSV of every family and ``orders.csv``; return what is to be said about them."""
     orders, found = [], []
+    target.mkdir(parents=True, exist_ok=True)
     for family in dict.fromkeys(case.family for case in study.cases.values()):
         cases = [case for case in study.cases.values() if case.family is family]
         points = points_of(cases, [next(one for one in outcomes if one.case == case.name) for case in cases])
@@ -240,7 +242,9 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     front = sorted((point.cpu, point.error) for point in shown if point.front)
     if front:
         axes.plot(*zip(*front, strict=True), color="#c8a200", lw=5, alpha=0.35, zorder=0, label="Pareto front")
-    for level, (resolution, time, error) in levels_of(points, family.PER_WIDTH, spacings()).items():
+    # A difference from the finest run is no error: beside it, the error that a level has would mislead.
+    levels = {} if getattr(family, "SELF_CONVERGENCE", False) else levels_of(points, family.PER_WIDTH, spacings())
+    for level, (resolution, time, error) in levels.items():
         if not math.isfinite(error):
             continue
         if math.isfinite(time):

@@ -69,6 +69,13 @@ def test_fit_finds_the_coefficients_of_exact_times():
     assert seconds(fit(noisy), "pressure", far, "wall") == pytest.approx(far.features("pressure") @ known, rel=0.15)
 
 
+def test_what_was_timed_in_one_dimension_is_counted_per_neighbor():
+    works = [Work(n, 19.0 * n, 2, 20.0) for n in (500, 3000)]
+    found = fit(Sample("a", work, 1e-8 * work.entries * work.rounds, 1.0) for work in works)
+    far = Work(5000, 5000 * 64.0, 3, 20.0)
+    assert seconds(found, "a", far, "wall") == pytest.approx(1e-8 * far.entries * far.rounds, rel=1e-6)
+
+
 def test_interface_is_counted_as_a_surface():
     samples = [Sample("interface_tension", Work(n, 64.0 * n, 3), 1e-3 + 1e-5 * n ** (2 / 3), 1.0) for n in
                (500, 2000, 8000)]
@@ -249,10 +256,12 @@ def test_benchmarks_of_segments_add_up(tmp_path):
 def test_predicted_and_real_stand_side_by_side():
     scene = load_scene(SCENES / "still_eye.yaml", "draft")
     level = dataclasses.asdict(predict(scene, *cavity_size(scene), synthetic()))
-    table = {"time_step [s]": np.array([math.nan, 2e-3, 2e-3]), "pressure_iterations [1]": np.array([math.nan, 1, 3])}
+    table = {"time_step [s]": np.array([math.nan, 2e-3, 2e-3]), "pressure_iterations [1]": np.array([math.nan, 1, 3]),
+             "computing_time_cpu [s]": np.array([0.0, 20.0, 30.0])}
     taken = {"simulate": {"wall": 2.0 * level["seconds"]["simulate"]["wall"], "cpu": math.nan, "memory": 3e8}}
     lines = {line[0]: line[1:] for line in cost.compared(level, taken, table, 1e6, 0.1)}
     assert lines["time steps"][1] == "100" and lines["pressure iterations per step"][1] == "2"
+    assert lines["simulate from its first step on, time of all cores"][1] == "50 s"
     assert lines["simulate, wall time"][2] == "0.50" and lines["simulate, time of all cores"][1:] == ("unknown", "")
     page = cost.page_of("Still eye", level, [(name, *cells) for name, cells in lines.items()])
     assert "predicted / real" in page and "expected error" in page

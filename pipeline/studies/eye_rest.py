@@ -1,8 +1,8 @@
 """The eye itself: oil that starts level above the aqueous rounds up under its tension; compared with a finer run.
 
-There is no exact solution: the error is the largest difference of the height of the aqueous' center of mass, less that
-at the start, from the run with the most particles, over the largest such height (self-convergence). The scene is
-``resting_eye`` with other numerics; resolutions count particles along the 22 mm of the cavity.
+There is no exact solution: the height of the aqueous' center of mass, less that at the start, is compared with that of
+the run with the most particles (root mean square of the difference over that of the height: self-convergence). The
+scene is ``resting_eye`` with other numerics; resolutions count particles along the 22 mm of the cavity.
 """
 import dataclasses
 
@@ -16,7 +16,7 @@ from sim.parameters import parameter
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 SCENE = "resting_eye"
 WIDTH = 0.022  # m
-HEADLINE, PER_WIDTH = "height of the aqueous, largest difference from the finest run", 1.0
+HEADLINE, PER_WIDTH = "height of the aqueous, difference from the finest run", 1.0
 SELF_CONVERGENCE = True
 FIGURES = (Figure("eye_rest_height", "Oil coming to rest in the eye", "time / s", "rise of the aqueous / mm"),)
 
