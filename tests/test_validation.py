@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from pipeline.studies import (
     channel,
     coupling,
+    creeping_drop,
     dam_break,
     drop_on_wall,
     hydrostatics,
@@ -175,12 +176,23 @@ def test_layers_at_rest_carry_their_weight(more):
 
 
 @pytest.mark.usefixtures("taichi")
-def test_closed_tank_without_viscosity_stays_at_rest():
-    """T2 in short: 3 of 20 rest times. The study asks for 1e-3; without viscosity 12 spacings have 1.9e-3."""
-    outcome = still_tank.run(still_tank.Parameters(resolutions=(12,), rest_times=3.0))
+@pytest.mark.parametrize(("tension", "largest"), [(0.0, 3e-3), (0.04, 1e-4)])
+def test_closed_tank_without_viscosity_stays_at_rest(tension, largest):
+    """T2 in short: 3 of 20 rest times. Without tension 12 spacings have 1.9e-3; with it what the solve leaves."""
+    outcome = still_tank.run(still_tank.Parameters(tension=tension, resolutions=(12,), rest_times=3.0))
     speed = "rms speed / sqrt(g H), second half"
-    assert values(outcome, speed)[0] < 3e-3
+    assert values(outcome, speed)[0] < largest
     assert not rows_that_fail(outcome, speed)
+
+
+def test_creeping_drop_is_that_of_the_textbooks_at_its_limits():
+    """T15: Hadamard and Rybczynski without a wall, Cunningham for a solid sphere in a spherical cavity."""
+    for ratio in (1e-6, 1.0, 100.0):
+        free = 2.0 / 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)
+        assert creeping_drop.exact_speed(ratio, 1e5) == pytest.approx(free, rel=1e-4)
+    for size in (0.1, 1.0 / 3.0, 0.5):
+        slower = (1.0 - 2.25 * size + 2.5 * size**3 - 2.25 * size**5 + size**6) / (1.0 - size**5)
+        assert creeping_drop.exact_speed(1e8, 1.0 / size) == pytest.approx(2.0 / 9.0 * slower, rel=1e-6)
 
 
 @pytest.mark.usefixtures("taichi")
