@@ -77,8 +77,8 @@ def predict(scene: Scene, cavity_volume: float, cavity_area: float, calibration:
         + compilation[kind] + scene.segment_count * calibration["imports"][kind]
         + scene.frame_count * seconds(calibration["parts"], "frame", Work(work.particles, 0.0, work.dimension), kind))
         for kind in KINDS}
-    start = {kind: scene.segment_count * calibration["imports"][kind] + _compilation(scene, [], calibration, kind, "build")
-             for kind in KINDS}
+    start = {kind: scene.segment_count * calibration["imports"][kind]
+             + _compilation(scene, [], calibration, kind, "build") for kind in KINDS}
     unknown = tuple(name for name in effect_parts(scene) if name not in calibration["parts"])
     return Prediction(
         scene.accuracy, scene.numerics.particle_spacing, work.particles, work.wall_particles, time_step, limit.source,
