@@ -22,9 +22,9 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
     """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary."""
     outcomes = [Outcome.read(folder) for folder in folders]
     if study.report == "tradeoff":
-        from pipeline.tradeoff import write_tradeoff  # it needs the solver, which takes a second to import
+        from pipeline.tradeoff import unasked, write_tradeoff  # the solver takes a second to import
 
-        outcomes = write_tradeoff(study, outcomes, target) + outcomes
+        outcomes = write_tradeoff(study, outcomes, target) + [unasked(outcome) for outcome in outcomes]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
     _write_csv(target / "table.csv", rows)
     for figure in study.figures():

@@ -24,7 +24,7 @@ from pipeline.study_tank import COMPUTING_TIME, WALL_TIME
 from pipeline.units import parse_quantity
 
 WIDTH = 0.022  # m, of the eye whose levels are marked
-SPACING = "particle spacing"
+SPACING, REACHED = "particle spacing", "time reached"
 UNTOLD = ("resolutions", "seed")  # parameters that are no change
 NAMES = {"tolerance_factor": "tolerances x {:g}", "time_step_factor": "time step x {:g}", "support_ratio": "h/dx {:g}",
          "precision": "{}", "scheme": "{}"}
@@ -180,6 +180,12 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
         found.append(_outcome(name, points))
     _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
     return found
+
+
+def unasked(outcome: Outcome) -> Outcome:
+    """The outcome without tolerances, for inexact runs are what such a study is about; that a run ends is asked."""
+    rows = [row if row.quantity == REACHED else dataclasses.replace(row, tolerance=None) for row in outcome.rows]
+    return dataclasses.replace(outcome, rows=rows)
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:

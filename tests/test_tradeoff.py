@@ -12,7 +12,7 @@ from pipeline.studies.hydrostatics import Parameters
 from pipeline.study_model import Curve, Outcome, Row
 from pipeline.study_plan import load_study
 from pipeline.study_tank import COMPUTING_TIME, WALL_TIME, Stopwatch, changed
-from pipeline.tradeoff import change_of, levels_of, on_front, order_of, points_of, write_tradeoff
+from pipeline.tradeoff import change_of, levels_of, on_front, order_of, points_of, unasked, write_tradeoff
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits
 
@@ -87,6 +87,11 @@ def test_failed_run_has_no_error_and_is_not_on_the_front(study):
     outcomes[1].rows = [dataclasses.replace(row, error=math.nan) if row.error else row for row in outcomes[1].rows]
     point = next(one for one in points_of(cases, outcomes) if one.change == "tolerances x 0.1")
     assert math.isnan(point.error) and not point.front
+
+
+def test_inexact_runs_break_no_promise_but_failed_ones_do():
+    rows = [Row("pressure jump", 1.0, error=0.5, tolerance=0.1), Row("time reached", 1.0, error=0.5, tolerance=0.0)]
+    assert [row.holds for row in unasked(Outcome(rows)).rows] == [None, False]
 
 
 # What the study changes
