@@ -89,8 +89,8 @@ def rows(level: Prediction) -> list[tuple[str, str]]:
 
 def notes(level: Prediction) -> list[str]:
     """Return sentences on one level: expected errors with their source, and what is not counted."""
-    found = [f"expected error, {one.quantity}: {one.value:.2g} {one.unit}".rstrip(" 1") + f" ({one.source})"
-             for one in level.errors]
+    found = [f"expected error, {one.quantity}: {one.value:.2g}{'' if one.unit == '1' else f' {one.unit}'} "
+             f"({one.source})" for one in level.errors]
     if not found:
         found = [f"expected error: {UNKNOWN} (run `snakemake -j2 accuracy`; it has no case for a scene without its "
                  "effects)"]

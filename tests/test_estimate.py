@@ -16,7 +16,7 @@ from pipeline.calibration import identity, load_calibration
 from pipeline.container import container_arrays
 from pipeline.cost_model import Sample, StageRun, Work, fit, fit_stage, neighbor_entries, seconds, stage_cost, typical
 from pipeline.errors import UserError
-from pipeline.estimate import cavity_size, duration, main, memory
+from pipeline.estimate import cavity_size, duration, main, memory, notes
 from pipeline.expected_error import COLUMNS, expected_errors
 from pipeline.prediction import predict
 from pipeline.scene import load_accuracy_levels, load_scene
@@ -172,6 +172,9 @@ def test_expected_error_follows_the_observed_order(tmp_path):
     assert found[0].value == pytest.approx(0.04 / 2**2) and "order 2.0" in found[0].source
     assert found[1].value == 0.01 and "did not fall" in found[1].source
     assert expected_errors(scene, 40.0, tmp_path / "none.csv") == []
+    level = dataclasses.replace(predict(scene, *cavity_size(scene), synthetic()), errors=tuple(found))
+    assert notes(level)[0].startswith("expected error, a: q: 0.01 (")
+    assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]
 
 
 # The command
