@@ -342,7 +342,18 @@ class Solver:
         return state
 
     def restore(self, state: dict) -> None:
-        """Take up a state; an effect whose fields it lacks (new to this scene) starts from the particles."""
+        """Take up a state; an effect whose fields it lacks (new to this scene) starts from the particles.
+
+        Raises
+        ------
+        ValueError
+            The state holds a mixture, and no effect here keeps volume fractions.
+        """
+        fractions = state.get("particles.volume_fraction")
+        if (fractions is not None and "volume_fraction" not in self.particles.arrays
+                and ((fractions > 0.0) & (fractions < 1.0)).any()):
+            raise ValueError("its liquids are mixed, so the scene needs an effect that keeps mixtures, such as "
+                             "effects.diffusion with coefficient 0")
         self.time, self.step_count = float(state["time"]), int(state["step_count"])
         self.next_id = int(state["next_id"])
         self.count[None] = len(state["particles.id"])

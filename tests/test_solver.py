@@ -109,6 +109,14 @@ def test_every_turn_keeps_the_strength_of_gravity(start, end):
     np.testing.assert_allclose(rotate_towards(POSTURES[start], POSTURES[end], 1.0), POSTURES[end], atol=1e-12)
 
 
+def test_a_mixture_is_not_forgotten(unbroken):
+    state, _, solver = unbroken
+    pure = np.eye(2)[state["particles.phase"]]
+    solver.restore(state | {"particles.volume_fraction": pure})
+    with pytest.raises(ValueError, match="its liquids are mixed, so the scene needs an effect that keeps mixtures"):
+        solver.restore(state | {"particles.volume_fraction": 0.9 * pure + 0.05})
+
+
 # Time steps and failures, on the tank of the unbroken run: its state is restored each time.
 
 @pytest.fixture
