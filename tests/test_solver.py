@@ -109,8 +109,9 @@ def test_every_turn_keeps_the_strength_of_gravity(start, end):
     np.testing.assert_allclose(rotate_towards(POSTURES[start], POSTURES[end], 1.0), POSTURES[end], atol=1e-12)
 
 
-def test_a_mixture_is_not_forgotten(unbroken):
-    state, _, solver = unbroken
+def test_a_mixture_is_not_forgotten(circle):
+    solver = cavities.build(circle)
+    state = solver.state()
     pure = np.eye(2)[state["particles.phase"]]
     solver.restore(state | {"particles.volume_fraction": pure})
     with pytest.raises(ValueError, match="its liquids are mixed, so the scene needs an effect that keeps mixtures"):
