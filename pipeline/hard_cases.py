@@ -269,7 +269,7 @@ OPEN = (
     HardCase("column falls, free surface"),
     HardCase("one particle far from all others", lone_particle),
     HardCase("two particles at one point", together, works=True),  # an overlap is work stored
-    HardCase("two bodies meet, no wall, weight, viscosity", meet_in_the_air, duration=0.05, free=True),
+    HardCase("two bodies meet, no wall, weight, viscosity", meet_in_the_air, duration=0.03, free=True),
     HardCase("gravity flips at once", flip_at_once, works=True),
     HardCase("head jerk of 5 g", head_jerk, works=True),
     HardCase("every particle at 10 m/s its own way", throw, duration=0.02),
