@@ -30,6 +30,7 @@ EXTENSION_POWER = 8  # their weight is (1 - r^2/R^2)^8
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
 # 30 % too slowly)
+SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point of it is this near, in spacings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,6 +222,19 @@ class InterfaceTension(Effect):
                     groups += 1
             self.group_count[None] = groups
 
+    @ti.func
+    def _near_interface(self, x):
+        """True with a point of the interface within `SEEN` spacings of x."""
+        near = False
+        c = self._bin(x)
+        for k in range(3 ** (self.dimension - 1)):
+            first = c + (k % 3 - 1) * self.bin_strides[1]
+            if ti.static(self.dimension == 3):
+                first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
+            for p in range(self.bin_start[first - 1], self.bin_start[first + 2]):
+                near = near or (x - self.sorted_point[p]).norm_sqr() < (SEEN * self.spacing) ** 2
+        return near
+
     @ti.kernel
     def _extend(self):
         """M and grad M at the particles: weighted mean of the interface points, the far ones in groups."""
@@ -232,8 +246,10 @@ class InterfaceTension(Effect):
                 unsure = True
             if unsure:
                 phi = self.grid.interpolate(self.level_set.phi, x)
-                if ti.abs(phi) > self.spacing:
-                    h = ti.select(phi > 0.0, 1.0, 0.0)  # a label that the level set cannot see gets gravity only
+                side = ti.select(phi > 0.0, 1.0, 0.0)
+                # A label that the level set cannot see, as of a drop of one particle, gets gravity only.
+                if side != h and (ti.abs(phi) > self.spacing or not self._near_interface(x)):
+                    h = side
             self.particles.jump_weight[i] = h
             weight = 1e-12 * self.spacing ** (self.dimension - 1)  # of the mean M, for liquid without an interface
             value = 0.0
