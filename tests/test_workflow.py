@@ -122,7 +122,7 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
     assert changed(red) == {"render"}
-    assert changed(long) == {"advise"}
+    assert changed(long) == {"advise", "cost", "estimate"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
 
 
