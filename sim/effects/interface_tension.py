@@ -223,15 +223,21 @@ class InterfaceTension(Effect):
             self.group_count[None] = groups
 
     @ti.func
+    def _bin_row(self, c, k):
+        """Middle bin of the k-th of the rows of three bins around bin c."""
+        first = c + (k % 3 - 1) * self.bin_strides[1]
+        if ti.static(self.dimension == 3):
+            first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
+        return first
+
+    @ti.func
     def _near_interface(self, x):
         """True with a point of the interface within `SEEN` spacings of x."""
         near = False
         c = self._bin(x)
         for k in range(3 ** (self.dimension - 1)):
-            first = c + (k % 3 - 1) * self.bin_strides[1]
-            if ti.static(self.dimension == 3):
-                first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
-            for p in range(self.bin_start[first - 1], self.bin_start[first + 2]):
+            middle = self._bin_row(c, k)
+            for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
                 near = near or (x - self.sorted_point[p]).norm_sqr() < (SEEN * self.spacing) ** 2
         return near
 
@@ -258,10 +264,8 @@ class InterfaceTension(Effect):
             if h > 0.0:
                 c = self._bin(x)
                 for k in range(3 ** (self.dimension - 1)):
-                    first = c + (k % 3 - 1) * self.bin_strides[1]
-                    if ti.static(self.dimension == 3):
-                        first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
-                    for p in range(self.bin_start[first - 1], self.bin_start[first + 2]):
+                    middle = self._bin_row(c, k)
+                    for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
                         away = x - self.sorted_point[p]
                         s = 1.0 - away.norm_sqr() / self.radius**2
                         if s > 0.0:
