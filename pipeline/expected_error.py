@@ -42,6 +42,6 @@ def expected_errors(scene: Scene, width: float, path: Path = ORDERS) -> list[Exp
         known = math.isfinite(order) and order > 0.0
         value = error * (resolution / here) ** order if known else error
         words = f"order {order:.1f} from {resolution:g} to {here:.3g} spacings" if known else (
-            f"at {resolution:g} spacings; it did not fall with the spacing")
+            f"at {resolution:g} spacings; no order was found")
         found.append(ExpectedError(f"{row['case']}: {row['quantity']}", value, row["unit"], f"{path}, {words}"))
     return found

@@ -117,7 +117,8 @@ def law_of(points: Sequence[Point]) -> tuple[float, float]:
     """Return order p and factor C of the error C n^-p with n spacings along the case; nan without two errors.
 
     Where a run is compared with the finest one, of m spacings, their difference is C (n^-p - m^-p): p is the one that
-    leaves the least of the logarithms.
+    leaves the least of the logarithms. There is none if that is at the end of :data:`ORDERS`: the runs do not converge
+    yet.
     """
     base = [point for point in base_points(points) if point.error > 0.0]
     if len(base) < 2:
@@ -131,7 +132,8 @@ def law_of(points: Sequence[Point]) -> tuple[float, float]:
     for order in ORDERS:
         misses = np.log(errors) - np.log(size**-order - finest**-order)
         left.append((float(np.var(misses)), float(order), float(np.exp(misses.mean()))))
-    return min(left)[1:]
+    _, order, factor = min(left)
+    return (order, factor) if ORDERS[0] < order < ORDERS[-1] else (math.nan, math.nan)
 
 
 def order_of(points: Sequence[Point]) -> float:
@@ -222,9 +224,13 @@ def _outcome(name: str, points: Sequence[Point]) -> Outcome:
                          Row("computing time over that of the base", dear, at=at, wall_s=point.wall)]
         said.append(f"{point.change} {exact:.2f} and {dear:.2f}")
     if said:
-        outcome.remarks.append(f"{name}: order {order:.1f}; error and computing time over those of the base: "
+        outcome.remarks.append(f"{name}: {_said(order)}; error and computing time over those of the base: "
                                f"{'; '.join(said)}.")
     return outcome
+
+
+def _said(order: float) -> str:
+    return f"order {order:.1f}" if math.isfinite(order) else "no order found"
 
 
 def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
@@ -236,7 +242,7 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     axes = FigureCanvasAgg(canvas).figure.subplots()
     base, shown = base_points(points), [point for point in points if math.isfinite(point.error) and point.error > 0.0]
     axes.plot([point.cpu for point in base], [point.error for point in base], "o-", color="black", lw=1.4, ms=6,
-              label=f"{SPACING}, order {order_of(points):.1f}")
+              label=f"{SPACING}, {_said(order_of(points))}")
     for point in base:
         axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points", fontsize=8)
     looks = zip(itertools.cycle(COLORS), itertools.cycle(MARKERS), strict=False)

@@ -12,7 +12,7 @@ from pipeline.studies.hydrostatics import Parameters
 from pipeline.study_model import Curve, Outcome, Row
 from pipeline.study_plan import load_study
 from pipeline.study_tank import COMPUTING_TIME, WALL_TIME, Stopwatch, changed
-from pipeline.tradeoff import change_of, levels_of, on_front, order_of, points_of, unasked, write_tradeoff
+from pipeline.tradeoff import Point, change_of, levels_of, on_front, order_of, points_of, unasked, write_tradeoff
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits
 
@@ -79,6 +79,13 @@ def test_study_writes_its_figures_tables_and_remarks(study, tmp_path):
     finest = orders["eye_rest"]
     assert float(finest["error"]) == pytest.approx(float(finest["resolution"]) ** -2.0, rel=0.02)
     assert all(outcome.remarks and "order" in outcome.remarks[0] for outcome in found)
+
+
+def test_runs_that_do_not_converge_yet_have_no_order():
+    """Differences from the finest run that fall faster than those of any law with a positive order."""
+    runs = zip((11, 14, 18, 22), (0.53, 0.37, 0.15, math.nan), strict=True)
+    points = [Point("particle spacing", n, n**3.0, error, "1", 1.0, 1.0) for n, error in runs]
+    assert math.isnan(order_of(points))
 
 
 def test_failed_run_has_no_error_and_is_not_on_the_front(study):

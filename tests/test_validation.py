@@ -311,9 +311,10 @@ def test_damped_cosine_is_found_again():
     assert oscillating_drop.fitted(time, swing, 1.0) == pytest.approx((0.9, 0.4), rel=1e-6)
 
 
-def test_period_of_a_drop_far_from_the_wall_is_that_of_lamb(monkeypatch):
-    """omega^2 = 3 sigma / (rho R^3) for equal liquids without wall and viscosity (two dimensions)."""
+@pytest.mark.parametrize(("density_ratio", "sum_of_densities"), [(1.0, 2000.0), (0.01, 1010.0), (100.0, 1010.0)])
+def test_period_of_a_drop_far_from_the_wall_is_that_of_lamb(monkeypatch, density_ratio, sum_of_densities):
+    """omega^2 = 6 sigma / ((rho_1 + rho_2) R^3) without wall and viscosity (two dimensions)."""
     monkeypatch.setattr(oscillating_drop, "CAVITY", 1e3)
-    omega = math.sqrt(3.0 * oscillating_drop.TENSION / (oscillating_drop.DENSITY * oscillating_drop.RADIUS**3))
-    case = oscillating_drop.Parameters(ohnesorge=1e-12)
+    omega = math.sqrt(6.0 * oscillating_drop.TENSION / (sum_of_densities * oscillating_drop.RADIUS**3))
+    case = oscillating_drop.Parameters(ohnesorge=1e-12, density_ratio=density_ratio)
     assert oscillating_drop.period(case) == pytest.approx(2.0 * math.pi / omega, rel=1e-5)

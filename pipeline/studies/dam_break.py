@@ -5,6 +5,9 @@ ahead of the experiment (release of the gate, friction of the floor), so the fro
 behind to 15 % ahead, and its speed once it is steady (tau > 5) to be that of the experiment, where Z grows by 1.7 per
 tau; a front without friction would end at 2.
 
+With `air` the rest of the box is full of a second liquid of that density over that of water (T17): the cavity is closed
+and nothing may push the water ahead or let the two mix.
+
 The tip of the layer, thinner than a particle, breaks up into single particles that fly ahead as spray. The front is
 that of the water: the farthest particle that has two others within 1.5 spacings. The farthest particle of all is
 reported beside it.
@@ -21,6 +24,7 @@ from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity")
 WIDTH = 0.05715  # m, 2.25 in
+DENSITY = 1000.0  # kg/m^3
 GRAVITY = 9.81
 BOX = (17, 3)  # sides of the box in widths
 BAND = (0.95, 1.15)
@@ -50,6 +54,8 @@ class Parameters(TankParameters):
     """A column of water behind a gate that is gone at once; resolutions count particles along its width."""
 
     tolerance: float = parameter(0.05, exclusive_minimum=0.0, meaning="allowed relative error of the front's speed")
+    air: float = parameter(0.0, minimum=0.0, maximum=1.0,
+                           meaning="density of what is around the column over that of water; 0: nothing is around it")
 
 
 def run(case: Parameters) -> Outcome:
@@ -57,7 +63,7 @@ def run(case: Parameters) -> Outcome:
     outcome, errors = Outcome(), []
     for index, resolution in enumerate(case.resolutions):
         result = _collapse(case, resolution)
-        outcome.remarks += result.remarks(case.scheme)
+        outcome.remarks += result.remarks(_name(case))
         common = {"at": result.label, "wall_s": result.wall_s}
         early, speed, outside, spray = [np.nan] * 4 if result.failure else _measured(result)
         row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
@@ -75,11 +81,15 @@ def run(case: Parameters) -> Outcome:
                             observed_order([1.0 / n for n in case.resolutions], errors)))
     if not result.failure:
         tau, energy = _front(result)[:, 0], result.history["kinetic_energy"] + result.history["potential_energy"]
-        outcome.curves += [Curve("dam_break_front", case.scheme, tau, _front(result)[:, 1], "line"),
-                           Curve("dam_break_energy", case.scheme, tau, energy / energy[0], "line")]
+        outcome.curves += [Curve("dam_break_front", _name(case), tau, _front(result)[:, 1], "line"),
+                           Curve("dam_break_energy", _name(case), tau, energy / energy[0], "line")]
     outcome.curves += [Curve("dam_break_front", "Martin & Moyce, 2.25 in", *WIDE.T, "reference"),
                        Curve("dam_break_front", "Martin & Moyce, 1.125 in", *NARROW.T, "reference")]
     return outcome
+
+
+def _name(case: Parameters) -> str:
+    return case.scheme + (f", air 1:{case.air:g}" if case.air else "")
 
 
 def _measured(result: Run) -> tuple[float, float, float, float]:
@@ -118,14 +128,19 @@ def _collapse(case: Parameters, resolution: int) -> Run:
     arrays = cavity("box", size, spacing, support_ratio=case.support_ratio)
     left, floor = -0.5 * size[0], -0.5 * size[1]
 
+    def column(x: np.ndarray) -> np.ndarray:
+        return (x[:, 0] < left + WIDTH) & (x[:, 1] < floor + 2.0 * WIDTH)
+
     def watch(solver) -> dict[str, float]:
         position, mass = field(solver, "position"), field(solver, "mass")
-        return motion(solver) | {"front": (water_front(position, spacing) + 0.5 * spacing - left) / WIDTH,
-                                 "farthest": (position[:, 0].max() + 0.5 * spacing - left) / WIDTH,
+        water = position[solver.particles.to_numpy("phase") == 0]
+        return motion(solver) | {"front": (water_front(water, spacing) + 0.5 * spacing - left) / WIDTH,
+                                 "farthest": (water[:, 0].max() + 0.5 * spacing - left) / WIDTH,
                                  "potential_energy": float(GRAVITY * mass @ (position[:, 1] - floor))}
 
-    solver = build(case, arrays, liquids=(Liquid("water", 1000.0, 1e-3),),
+    water, air = Liquid("water", DENSITY, 1e-3), Liquid("air", case.air * DENSITY, 1.8e-5)
+    solver = build(case, arrays, liquids=(water, air) if case.air else (water,),
                    effects={"gravity": {"magnitude": GRAVITY}, "viscosity": {"wall": "free_slip"}},
-                   filled=lambda x: (x[:, 0] < left + WIDTH) & (x[:, 1] < floor + 2.0 * WIDTH),
+                   filled=None if case.air else column, phase=lambda x: ~column(x),
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, STEADY[1] / np.sqrt(2.0 * GRAVITY / WIDTH), f"n={resolution}", watch)

@@ -1,13 +1,15 @@
 """T8: a drop that is a little longer than wide oscillates (Lamb 1932, in two dimensions and between walls).
 
-A drop of radius R in the middle of a round cavity of radius b, without gravity, in a liquid of the same density and
-viscosity. Without viscosity its shape R (1 + e cos 2 theta) swings with omega_0^2 = 6 sigma / (rho R^3 (1 + (1 + s) /
-(1 - s))), s = (R/b)^4: the liquid between drop and wall adds more mass than that around a lone drop (s = 0). The
-potential flows inside and outside slip along each other; the layers in which viscosity prevents that take the power
-pi R U^2 sqrt(omega mu rho/2) from an energy of pi R^2 rho U^2/2 (U the largest slip on each side). The amplitude decays
-with beta = sqrt(omega nu/2)/R by that, and the frequency falls by the same beta, as in every Stokes layer. The swing is
-read from the second moments of the drop, 2 (Ixx - Iyy) / (Ixx + Iyy), and its frequency and decay from the best fitting
-damped cosine.
+A drop of radius R and density rho in the middle of a round cavity of radius b, without gravity, in a liquid of density
+rho_o and the same kinematic viscosity nu; other densities than equal ones make it T17. Without viscosity its shape
+R (1 + e cos 2 theta) swings with omega_0^2 = 6 sigma / ((rho + k rho_o) R^3), k = (1 + s)/(1 - s), s = (R/b)^4: the
+liquid between drop and wall adds more mass than that around a lone drop (s = 0). The potential flows inside and outside
+slip along each other by U (1 + k), U the speed of the interface. The layers in which viscosity prevents that share the
+slip so that their shear is the same, and take the power pi R U^2 (1 + k)^2 sqrt(omega nu/2) m/2, m = rho rho_o/(rho +
+rho_o), from an energy of pi R^2 U^2 (rho + k rho_o)/4. The amplitude decays with beta = sqrt(omega nu/2)/R (1 + k)^2
+m/(rho + k rho_o) by that, and the frequency falls by the same beta, as in every Stokes layer. The swing is read from
+the second moments of the drop, 2 (Ixx - Iyy) / (Ixx + Iyy), and its frequency and decay from the best fitting damped
+cosine.
 """
 import dataclasses
 
@@ -33,7 +35,9 @@ FIGURES = (
 class Parameters(TankParameters):
     """A drop in another liquid; resolutions count particles along its radius."""
 
-    ohnesorge: float = parameter(0.005, exclusive_minimum=0.0, meaning="mu / sqrt(rho sigma R) of both liquids")
+    density_ratio: float = parameter(1.0, minimum=0.01, maximum=100.0, meaning="density outside over that of the drop")
+    ohnesorge: float = parameter(0.005, exclusive_minimum=0.0,
+                                 meaning="nu sqrt(rho / (sigma R)), rho the larger density, of both liquids")
     periods: float = parameter(3.0, minimum=1.0, meaning="length of the run in periods")
     tolerance: float = parameter(0.03, exclusive_minimum=0.0, meaning="allowed relative error of the period")
 
@@ -44,7 +48,7 @@ def run(case: Parameters) -> Outcome:
     expected = period(case)
     for resolution in case.resolutions:
         result = _swing(case, resolution)
-        outcome.remarks += result.remarks("oscillating drop")
+        outcome.remarks += result.remarks(f"oscillating drop 1:{case.density_ratio:g}")
         found, decay = np.nan, np.nan
         if not result.failure:
             found, decay = fitted(result.history["time"], result.history["elongation"], expected)
@@ -58,7 +62,7 @@ def run(case: Parameters) -> Outcome:
     if not result.failure:
         time, swing = result.history["time"], result.history["elongation"]
         outcome.curves += [
-            Curve("oscillating_drop", f"Oh {case.ohnesorge:g}", time / expected, swing / swing[0],
+            Curve("oscillating_drop", f"1:{case.density_ratio:g}", time / expected, swing / swing[0],
                   "line"),
             Curve("oscillating_drop", "without decay", time / expected, np.cos(2.0 * np.pi * time / expected),
                   "reference")]
@@ -67,18 +71,31 @@ def run(case: Parameters) -> Outcome:
 
 def period(case: Parameters) -> float:
     """Period of a small oscillation, with the first-order effect of viscosity, s."""
-    return 2.0 * np.pi / (_frequency_without_viscosity() - layer_decay(case))
+    return 2.0 * np.pi / (_frequency_without_viscosity(case) - layer_decay(case))
 
 
-def _frequency_without_viscosity() -> float:
+def _frequency_without_viscosity(case: Parameters) -> float:
     """omega_0, 1/s."""
-    s = CAVITY**-4
-    return float(np.sqrt(6.0 * TENSION / (DENSITY * (1.0 + (1.0 + s) / (1.0 - s)) * RADIUS**3)))
+    drop, outside = _densities(case)
+    return float(np.sqrt(6.0 * TENSION / ((drop + _added_mass() * outside) * RADIUS**3)))
 
 
 def layer_decay(case: Parameters) -> float:
     """Decay rate of the amplitude by the layers at the interface, beta, 1/s."""
-    return float(np.sqrt(0.5 * _frequency_without_viscosity() * _viscosity(case) / DENSITY)) / RADIUS
+    drop, outside = _densities(case)
+    shared = (1.0 + _added_mass()) ** 2 * drop * outside / (drop + outside) / (drop + _added_mass() * outside)
+    return float(np.sqrt(0.5 * _frequency_without_viscosity(case) * _viscosity(case))) / RADIUS * shared
+
+
+def _added_mass() -> float:
+    """k, the mass that swings outside a drop over that inside at equal densities."""
+    s = CAVITY**-4
+    return (1.0 + s) / (1.0 - s)
+
+
+def _densities(case: Parameters) -> tuple[float, float]:
+    """Densities of the drop and of what is around it, kg/m^3; the larger one is that of water."""
+    return DENSITY / max(1.0, case.density_ratio), DENSITY * min(1.0, case.density_ratio)
 
 
 def fitted(time: np.ndarray, swing: np.ndarray, guess: float) -> tuple[float, float]:
@@ -91,12 +108,13 @@ def fitted(time: np.ndarray, swing: np.ndarray, guess: float) -> tuple[float, fl
 
 
 def _viscosity(case: Parameters) -> float:
-    return case.ohnesorge * float(np.sqrt(DENSITY * TENSION * RADIUS))
+    """Kinematic viscosity of both liquids, m^2/s."""
+    return case.ohnesorge * float(np.sqrt(TENSION * RADIUS / DENSITY))
 
 
 def _swing(case: Parameters, resolution: int) -> Run:
     arrays = cavity("circle", CAVITY * RADIUS, RADIUS / resolution, start="packed", support_ratio=case.support_ratio)
-    viscosity, time = _viscosity(case), period(case)
+    time = period(case)
 
     def inside(x: np.ndarray) -> np.ndarray:
         angle = np.arctan2(x[:, 1], x[:, 0])
@@ -108,9 +126,10 @@ def _swing(case: Parameters, resolution: int) -> Run:
         x, y = (position - volume @ position / volume.sum()).T ** 2 @ volume
         return {"elongation": float(2.0 * (x - y) / (x + y))}
 
+    drop, outside = (Liquid(name, density, density * _viscosity(case))
+                     for name, density in zip(("drop", "outside"), _densities(case), strict=True))
     solver = build(
-        case, arrays, phase=inside,
-        liquids=(Liquid("outside", DENSITY, viscosity), Liquid("drop", DENSITY, viscosity)),
+        case, arrays, phase=inside, liquids=(outside, drop),
         effects={"interface_tension": {"coefficient": TENSION}, "viscosity": {"form": "laplacian"}},
         maximum_time_step=time / 100.0, minimum_time_step=1e-7 * time)
     return advance(solver, case.periods * time, f"R/dx={resolution}", watch)
