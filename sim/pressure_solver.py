@@ -13,6 +13,7 @@ POWER_ITERATIONS = 40  # for the largest eigenvalue of D^-1 A
 JACOBI_LIMIT = 1.6  # plain relaxation over the largest eigenvalue; 2 is the limit of stability
 ACCELERATED_LIMIT = 0.9  # the same for the accelerated one; 1 is the limit that its proof allows
 LARGEST_VIOLATION = 30.0  # of a single particle, over the mean: a few left alone would be thrown out of a splash
+DIVERGED = 100.0  # growth of the mean violation in a solve, from which the relaxation is taken to be too large
 BLOCK = 32  # particles per partial sum
 
 
@@ -177,9 +178,12 @@ class Jacobi:
     def measure_eigenvalue(self) -> float:
         """Largest eigenvalue of D^-1 A by power iteration; it sets the relaxation."""
         self.operators.update_diagonal(True)
+        return self._power_iterations(True)
+
+    def _power_iterations(self, weighted: bool) -> float:
         self._random()
         for _ in range(POWER_ITERATIONS):
-            self.operators.apply(self.extrapolated, True)
+            self.operators.apply(self.extrapolated, weighted)
             self._divide()
         return self.eigenvalue[None]
 
@@ -236,11 +240,22 @@ class Jacobi:
         """Improve `p` until the mean violation * step / V <= tolerance, and the largest not far above.
 
         A violation is what is missing at p >= 0, or too much where p > 0. Arguments and results are those of conjugate
-        residuals.
+        residuals. Particles that have moved may have raised the largest eigenvalue since it was measured: a solve that
+        diverges for it measures it anew and starts from p = 0.
         """
         self.operators.update_diagonal(weighted)
+        spent, diverged = self._iterate(p, weighted, step, tolerance, maximum_iterations, minimum_iterations)
+        if diverged:
+            self.set_eigenvalue(max(self.eigenvalue[None], self._power_iterations(weighted)))
+            p.fill(0.0)
+            again, _ = self._iterate(p, weighted, step, tolerance, maximum_iterations, minimum_iterations)
+            spent += again
+        return spent, self.residual_mean[None] * step, self.residual_maximum[None] * step
+
+    def _iterate(self, p, weighted, step, tolerance, maximum_iterations, minimum_iterations):
+        """Iterate from p; return the number of iterations and whether they diverge."""
         self._start(p)
-        theta = 1.0
+        theta, first = 1.0, tolerance
         for iteration in range(1, maximum_iterations + 1):
             following = 0.5 * (1.0 + (1.0 + 4.0 * theta * theta) ** 0.5)
             self.momentum[None] = (theta - 1.0) / following if self.accelerated else 0.0
@@ -250,6 +265,10 @@ class Jacobi:
             if self.turn[None] > 0.0:  # the momentum points uphill
                 theta = 1.0
             left, largest = self.residual_mean[None] * step, self.residual_maximum[None] * step
+            if iteration == 1:
+                first = max(left, tolerance)
+            if not left <= DIVERGED * first:
+                return iteration, True
             if iteration >= minimum_iterations and left <= tolerance and largest <= LARGEST_VIOLATION * tolerance:
                 break
-        return iteration, self.residual_mean[None] * step, self.residual_maximum[None] * step
+        return iteration, False
