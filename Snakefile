@@ -134,6 +134,7 @@ rule estimate:
         levels="outputs/{scene}/estimate.json",
     params:
         depends=flow.depends("estimate"),
+        errors=flow.expected_errors(),
     log: "outputs/{scene}/logs/estimate.log",
     message: "{wildcards.scene}: estimate time, memory and disk"
     shell:

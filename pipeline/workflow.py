@@ -105,6 +105,13 @@ class Workflow:
 
         return " ".join(identity().values())
 
+    @staticmethod
+    def expected_errors() -> str:
+        """Return a parameter that changes with the errors that estimates tell."""
+        from pipeline.expected_error import errors_file
+
+        return errors_file().read_text(encoding="utf-8")
+
     def prepare_outputs(self) -> None:
         """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
 

@@ -17,10 +17,11 @@ from pipeline.container import container_arrays
 from pipeline.cost_model import Sample, StageRun, Work, fit, fit_stage, neighbor_entries, seconds, stage_cost, typical
 from pipeline.errors import UserError
 from pipeline.estimate import cavity_size, duration, main, memory, notes
-from pipeline.expected_error import COLUMNS, expected_errors
+from pipeline.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
 from pipeline.prediction import predict
 from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.scene_work import scene_work
+from pipeline.study_plan import load_study
 from sim.effects import REGISTRY
 from sim.neighbor_search import row_widths
 
@@ -171,10 +172,29 @@ def test_expected_error_follows_the_observed_order(tmp_path):
     assert [one.quantity for one in found] == ["a: q", "b: q"]  # this scene has no tension
     assert found[0].value == pytest.approx(0.04 / 2**2) and "order 2.0" in found[0].source
     assert found[1].value == 0.01 and "no order was found" in found[1].source
-    assert expected_errors(scene, 40.0, tmp_path / "none.csv") == []
     level = dataclasses.replace(predict(scene, *cavity_size(scene), synthetic()), errors=tuple(found))
     assert notes(level)[0].startswith("expected error, a: q: 0.01 (")
     assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]
+
+
+def test_errors_that_the_project_comes_with_are_those_of_its_study():
+    with SHIPPED.open(newline="", encoding="utf-8") as file:
+        rows = {row["case"]: row for row in csv.DictReader(file)}
+    study = load_study("accuracy", "draft")
+    families = {case.family.__name__.rpartition(".")[2]: case.family for case in study.cases.values()}
+    assert rows.keys() == families.keys()
+    for name, family in families.items():
+        assert rows[name]["quantity"] == family.HEADLINE and float(rows[name]["per_width"]) == family.PER_WIDTH
+        assert rows[name]["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+
+
+def test_own_study_counts_more_than_what_the_project_comes_with(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = load_scene(SCENES / "still_eye.yaml", "draft")
+    assert [one.source.split(",")[0] for one in expected_errors(scene, 22.0)] == ["expected_errors.csv"] * 2
+    ORDERS.parent.mkdir(parents=True)
+    ORDERS.write_text(",".join(COLUMNS) + "\nhydrostatics,q,1,gravity,1.0,36,0.005,1.2\n")
+    assert [one.source.split(",")[0] for one in expected_errors(scene, 22.0)] == ["orders.csv"]
 
 
 # The command
