@@ -34,6 +34,7 @@ FEWER = 0.25  # share of the particles of a scene with a free surface in its sec
 COMPILING, STEPS = 3, 8  # steps in which kernels are still compiled, and those that are timed, twice
 LOOSE = 100.0  # the second time with tolerances that many times as large: so that iterations differ
 FRAMES = 5  # written of every eye
+MANY_FRAMES = 40  # that the metrics get: they take less per frame than their start varies
 STAGES = ("reconstruct", "render", "metrics")  # those that take a start and a part per frame
 
 
@@ -253,29 +254,34 @@ def size(path: Path) -> int:
 
 
 def time_stages(eyes: list[Path]) -> dict:
-    """Run the stages after the simulation on the frames of the eyes: one frame of the first, all of each."""
+    """Run the stages after the simulation on the frames of the eyes: one frame of the first, many of each."""
     runs: dict[str, list[StageRun]] = {name: [] for name in STAGES}
-    for eye, names in ((eyes[0], ("frame_00000.vtu",)), (eyes[0], None), (eyes[1], None)):
+    for eye, whole in ((eyes[0], False), (eyes[0], True), (eyes[1], True)):
         scene, initial, mesh = eye / "scene.json", eye / "initial.npz", eye / "eye.vtp"
-        frames, made = eye / "frames", eye / f"made_{'one' if names else 'all'}"
-        if names:
-            frames = eye / "one"
-            frames.mkdir()
-            for name in names:
-                (frames / name).symlink_to(eye / "frames" / name)
-        count, particles = len(list(frames.glob("*.vtu"))), len(np.load(initial)["fluid_position"])
-        calls = {
-            "reconstruct": (scene, initial, frames, "--output", made / "surfaces"),
-            "render": (scene, initial, mesh, frames, made / "surfaces", "--output", made / "images"),
-            "metrics": (scene, initial, frames, "--output", made / "metrics.csv", "--summary", made / "metrics.html",
-                        "--plots", made / "plots")}
+        particles, made = len(np.load(initial)["fluid_position"]), eye / f"made_{'all' if whole else 'one'}"
         for name in STAGES:
-            if name == "metrics" and names:
-                continue
-            taken = stage(f"pipeline.{name}", *calls[name])
-            written = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}
-            runs[name].append(StageRun(count, particles, taken | {"disk": size(written[name])}))
+            count = 1 if not whole else MANY_FRAMES if name == "metrics" else FRAMES
+            frames = _linked(eye / "frames", eye / f"frames_{count}", count)
+            arguments, written = {
+                "reconstruct": ((frames, "--output", made / "surfaces"), made / "surfaces"),
+                "render": ((mesh, frames, made / "surfaces", "--output", made / "images"), made / "images"),
+                "metrics": ((frames, "--output", made / "metrics.csv", "--summary", made / "metrics.html", "--plots",
+                             made / "plots"), made / "metrics.csv")}[name]
+            taken = stage(f"pipeline.{name}", scene, initial, *arguments)
+            runs[name].append(StageRun(count, particles, taken | {"disk": size(written)}))
     return {name: {kind: fit_stage(some, kind) for kind in (*KINDS, "memory", "disk")} for name, some in runs.items()}
+
+
+def _linked(frames: Path, folder: Path, count: int) -> Path:
+    """A folder with that many frames, which are links to the first ones there are, again and again."""
+    from pipeline.frames import find_frames, frame_path
+
+    if not folder.exists():
+        folder.mkdir()
+        found = find_frames(frames)
+        for index in range(count):
+            frame_path(folder, index).symlink_to(found[index % len(found)])
+    return folder
 
 
 def prepare_eye(folder: Path, spacing: float) -> tuple[Path, StageRun, dict[str, float]]:
