@@ -254,21 +254,22 @@ def size(path: Path) -> int:
 
 
 def time_stages(eyes: list[Path]) -> dict:
-    """Run the stages after the simulation on the frames of the eyes: one frame of the first, many of each."""
+    """Run the stages after the simulation on the frames of the eyes: one frame of the first, several of each."""
     runs: dict[str, list[StageRun]] = {name: [] for name in STAGES}
     for eye, whole in ((eyes[0], False), (eyes[0], True), (eyes[1], True)):
         scene, initial, mesh = eye / "scene.json", eye / "initial.npz", eye / "eye.vtp"
         particles, made = len(np.load(initial)["fluid_position"]), eye / f"made_{'all' if whole else 'one'}"
+        written = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}
         for name in STAGES:
             count = 1 if not whole else MANY_FRAMES if name == "metrics" else FRAMES
             frames = _linked(eye / "frames", eye / f"frames_{count}", count)
-            arguments, written = {
-                "reconstruct": ((frames, "--output", made / "surfaces"), made / "surfaces"),
-                "render": ((mesh, frames, made / "surfaces", "--output", made / "images"), made / "images"),
-                "metrics": ((frames, "--output", made / "metrics.csv", "--summary", made / "metrics.html", "--plots",
-                             made / "plots"), made / "metrics.csv")}[name]
+            arguments = {
+                "reconstruct": (frames, "--output", written["reconstruct"]),
+                "render": (mesh, frames, written["reconstruct"], "--output", written["render"]),
+                "metrics": (frames, "--output", written["metrics"], "--summary", made / "metrics.html", "--plots",
+                            made / "plots")}[name]
             taken = stage(f"pipeline.{name}", scene, initial, *arguments)
-            runs[name].append(StageRun(count, particles, taken | {"disk": size(written)}))
+            runs[name].append(StageRun(count, particles, taken | {"disk": size(written[name])}))
     return {name: {kind: fit_stage(some, kind) for kind in (*KINDS, "memory", "disk")} for name, some in runs.items()}
 
 

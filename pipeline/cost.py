@@ -101,7 +101,7 @@ def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]])
                      f"{html.escape('' if one['unit'] == '1' else one['unit'])} ({html.escape(one['source'])})</li>"
                      for one in level["errors"])
     if not errors:
-        errors = "<li>expected error: unknown; the accuracy study has no case with effects of this scene alone.</li>"
+        errors = "<li>expected error: unknown; the accuracy study has no case whose effects are all in this scene.</li>"
     return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}: cost</title>'
             f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1><p>Accuracy {level['accuracy']}. The "
             "prediction holds for a first run on a computer that does nothing else; stages that run side by side, and "

@@ -92,7 +92,7 @@ def notes(level: Prediction) -> list[str]:
     found = [f"expected error, {one.quantity}: {one.value:.2g}{'' if one.unit == '1' else f' {one.unit}'} "
              f"({one.source})" for one in level.errors]
     if not found:
-        found = [f"expected error: {UNKNOWN} (the accuracy study has no case with effects of this scene alone)"]
+        found = [f"expected error: {UNKNOWN} (the accuracy study has no case whose effects are all in this scene)"]
     if level.uncertain:
         found.append(f"the time step that {' and '.join(level.uncertain)} allow is {UNKNOWN} before the run: there "
                      "may be more steps")

@@ -13,6 +13,7 @@ from pipeline.scene_model import Scene
 
 ORDERS = Path("outputs/studies/accuracy/orders.csv")
 SHIPPED = PROJECT_CONFIG / "expected_errors.csv"
+LEAST_ORDER = 0.5  # below, the error scatters more than it falls
 COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "error", "order")
 
 
@@ -50,9 +51,9 @@ def expected_errors(scene: Scene, width: float, path: Path | None = None) -> lis
         if not needed <= scene.effects.keys() or not math.isfinite(error):
             continue
         here = width * float(row["per_width"])
-        known = math.isfinite(order) and order > 0.0
+        known = order >= LEAST_ORDER
         value = error * (resolution / here) ** order if known else error
         words = f"order {order:.1f} from {resolution:g} to {here:.3g} spacings" if known else (
-            f"at {resolution:g} spacings; no order was found")
+            f"at {resolution:g} spacings; it does not fall steadily")
         found.append(ExpectedError(f"{row['case']}: {row['quantity']}", value, row["unit"], f"{path.name}, {words}"))
     return found

@@ -216,7 +216,7 @@ def _outcome(name: str, points: Sequence[Point]) -> Outcome:
     base, said = {point.resolution: point for point in points if point.change == SPACING}, []
     for point in points:
         beside = base.get(point.resolution)
-        if point.change == SPACING or beside is None:
+        if point.change == SPACING or beside is None or beside.error == 0.0:
             continue
         exact, dear = point.error / beside.error, point.cpu / beside.cpu
         at = f"{point.change} n={point.resolution}"

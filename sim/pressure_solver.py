@@ -241,16 +241,24 @@ class Jacobi:
 
         A violation is what is missing at p >= 0, or too much where p > 0. Arguments and results are those of conjugate
         residuals. Particles that have moved may have raised the largest eigenvalue since it was measured: a solve that
-        diverges for it measures it anew and starts from p = 0.
+        diverges for it measures it anew and starts from p = 0, with the iterations that are left.
         """
         self.operators.update_diagonal(weighted)
-        spent, diverged = self._iterate(p, weighted, step, tolerance, maximum_iterations, minimum_iterations)
-        if diverged:
-            self.set_eigenvalue(max(self.eigenvalue[None], self._power_iterations(weighted)))
-            p.fill(0.0)
-            again, _ = self._iterate(p, weighted, step, tolerance, maximum_iterations, minimum_iterations)
-            spent += again
-        return spent, self.residual_mean[None] * step, self.residual_maximum[None] * step
+        left, diverged = maximum_iterations, True
+        while diverged and left > 0:
+            spent, diverged = self._iterate(p, weighted, step, tolerance, left, minimum_iterations)
+            left -= spent
+            if diverged:
+                p.fill(0.0)
+                if spent == 1:  # what is asked for is no number, which the check of the step reports
+                    break
+                self._relax_less(weighted)
+        return maximum_iterations - left, self.residual_mean[None] * step, self.residual_maximum[None] * step
+
+    def _relax_less(self, weighted: bool) -> None:
+        """Choose the relaxation anew for a largest eigenvalue that is surely larger than the one it was chosen for."""
+        old = self.eigenvalue[None]
+        self.set_eigenvalue(max(1.2 * old, self._power_iterations(weighted)))
 
     def _iterate(self, p, weighted, step, tolerance, maximum_iterations, minimum_iterations):
         """Iterate from p; return the number of iterations and whether they diverge."""

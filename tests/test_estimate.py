@@ -171,7 +171,7 @@ def test_expected_error_follows_the_observed_order(tmp_path):
     found = expected_errors(scene, 40.0, path)
     assert [one.quantity for one in found] == ["a: q", "b: q"]  # this scene has no tension
     assert found[0].value == pytest.approx(0.04 / 2**2) and "order 2.0" in found[0].source
-    assert found[1].value == 0.01 and "no order was found" in found[1].source
+    assert found[1].value == 0.01 and "does not fall steadily" in found[1].source
     level = dataclasses.replace(predict(scene, *cavity_size(scene), synthetic()), errors=tuple(found))
     assert notes(level)[0].startswith("expected error, a: q: 0.01 (")
     assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]

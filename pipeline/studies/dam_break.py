@@ -6,7 +6,7 @@ behind to 15 % ahead, and its speed once it is steady (tau > 5) to be that of th
 tau; a front without friction would end at 2.
 
 With `air` the rest of the box is full of a second liquid of that density over that of water (T17): the cavity is closed
-and nothing may push the water ahead or let the two mix.
+and nothing may throw the light liquid about. What is heavier than air (1:800) also brakes the front more.
 
 The tip of the layer, thinner than a particle, breaks up into single particles that fly ahead as spray. The front is
 that of the water: the farthest particle that has two others within 1.5 spacings. The farthest particle of all is
@@ -138,8 +138,10 @@ def _collapse(case: Parameters, resolution: int) -> Run:
                                  "farthest": (water[:, 0].max() + 0.5 * spacing - left) / WIDTH,
                                  "potential_energy": float(GRAVITY * mass @ (position[:, 1] - floor))}
 
-    water, air = Liquid("water", DENSITY, 1e-3), Liquid("air", case.air * DENSITY, 1.8e-5)
-    solver = build(case, arrays, liquids=(water, air) if case.air else (water,),
+    liquids = [Liquid("water", DENSITY, 1e-3)]
+    if case.air:
+        liquids.append(Liquid("air", case.air * DENSITY, 1.8e-5))
+    solver = build(case, arrays, liquids=liquids,
                    effects={"gravity": {"magnitude": GRAVITY}, "viscosity": {"wall": "free_slip"}},
                    filled=None if case.air else column, phase=lambda x: ~column(x),
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))

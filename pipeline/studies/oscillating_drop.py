@@ -7,9 +7,10 @@ liquid between drop and wall adds more mass than that around a lone drop (s = 0)
 slip along each other by U (1 + k), U the speed of the interface. The layers in which viscosity prevents that share the
 slip so that their shear is the same, and take the power pi R U^2 (1 + k)^2 sqrt(omega nu/2) m/2, m = rho rho_o/(rho +
 rho_o), from an energy of pi R^2 U^2 (rho + k rho_o)/4. The amplitude decays with beta = sqrt(omega nu/2)/R (1 + k)^2
-m/(rho + k rho_o) by that, and the frequency falls by the same beta, as in every Stokes layer. The swing is read from
-the second moments of the drop, 2 (Ixx - Iyy) / (Ixx + Iyy), and its frequency and decay from the best fitting damped
-cosine.
+m/(rho + k rho_o) by that, and the frequency falls by the same beta, as in every Stokes layer. (That is the decay at
+like densities; a hundred times apart, where the layers are weak, flow and wall decay it faster and leave the
+frequency alone.) The swing is read from the second moments of the drop, 2 (Ixx - Iyy) / (Ixx + Iyy), and its frequency
+and decay from the best fitting damped cosine.
 """
 import dataclasses
 
