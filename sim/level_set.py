@@ -85,7 +85,7 @@ class LevelSet:
         size = max(len(ghost), 1)
         self.ghost_node = ti.field(ti.i32, shape=size)
         self.ghost_image = ti.Vector.field(grid.dimension, real(), shape=size, layout=ti.Layout.SOA)
-        self.ghost_depth, self.ghost_curvature = (ti.field(real(), shape=size) for _ in range(2))
+        self.ghost_depth, self.ghost_curvature, self.ghost_value = (ti.field(real(), shape=size) for _ in range(3))
         if len(ghost):
             self.ghost_node.from_numpy(ghost.astype(np.int32))
             self.ghost_image.from_numpy(image.astype(real_numpy()))
@@ -248,7 +248,12 @@ class LevelSet:
                 limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
                 c = self.ghost_curvature[k]
                 slope = (limited * c - self.slope[None] * self.cosine) / (1.0 - image_depth * c)
-                phi[n] = q + (depth + image_depth) * slope
+                self.ghost_value[k] = q + (depth + image_depth) * slope
+        # Images between ghosts read these as they were: written at once, they would depend on the order of the threads.
+        for k in range(self.ghost_count):
+            n = self.ghost_node[k]
+            if self.weight[n] > 0.0:
+                phi[n] = self.ghost_value[k]
 
     @ti.kernel
     def _redistance(self, phi: ti.template(), target: ti.template()):

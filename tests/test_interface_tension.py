@@ -135,3 +135,22 @@ def test_a_drop_of_one_particle_rises(circle):
     start = height()
     cavities.run(solver, 0.3)
     assert 1e-3 < height() - start < 5e-3
+
+
+def test_nodes_behind_the_wall_do_not_depend_on_their_order():
+    """Their images lie between each other; with a thread each, what one reads must not depend on who was first."""
+    solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, 3), 30.0, lambda x: x[:, 1] > 0.0)
+    solver.step()
+    level_set = next(effect for effect in solver.effects if effect.name == "interface_tension").level_set
+    start = np.random.default_rng(0).normal(size=level_set.phi.shape[0])
+
+    def values() -> np.ndarray:
+        level_set.phi.from_numpy(start)
+        level_set._ghosts(level_set.phi)
+        return level_set.phi.to_numpy()
+
+    forward = values()
+    for field in (level_set.ghost_node, level_set.ghost_image, level_set.ghost_depth, level_set.ghost_curvature):
+        field.from_numpy(field.to_numpy()[::-1].copy())
+    assert np.count_nonzero(forward != start) > 50
+    assert np.array_equal(values(), forward)
