@@ -1,9 +1,10 @@
 """Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
 import argparse
 import dataclasses
+import functools
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 from pipeline.scene_model import Block
 
+MORE_ROOM, MOST_ROOM = 1.5, 12.0  # growth of the room for neighbors where it is full; over that at rest, at most
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 
 
@@ -65,8 +67,13 @@ def initial_velocity(scene: Scene, position: np.ndarray) -> np.ndarray:
     return of_blocks(position, scene.blocks, [block.velocity or (0.0,) * scene.dimension for block in scene.blocks])
 
 
-def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
-    """Solver of a scene at t = 0, with every effect in its cheapest form; Taichi must run already."""
+def build_solver(scene: Scene, initial: dict[str, np.ndarray], head_room: float | None = None):
+    """Solver of a scene at t = 0, with every effect in its cheapest form; Taichi must run already.
+
+    Parameters
+    ----------
+    head_room : room for neighbors and particles (``sim.solver.Solver``); by default what a liquid near rest needs.
+    """
     from sim.effects.gravity import POSTURES
     from sim.lazy import cheapest
     from sim.solver import Solver
@@ -81,7 +88,8 @@ def build_solver(scene: Scene, initial: dict[str, np.ndarray]):
         fluid_velocity=initial_velocity(scene, position),
         wall_position=initial["wall_position"], wall_volume=initial["wall_volume"],
         wall_depth=initial["wall_distance"], sdf_values=initial["sdf_values"], sdf_origin=initial["sdf_origin"],
-        sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"])
+        sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"],
+        **({} if head_room is None else {"head_room": head_room}))
     solver.notes = [*notes, *solver.notes]
     return solver
 
@@ -111,7 +119,7 @@ def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
 
 
 class Average:
-    """Statistics of the solver since the last frame: means, and largest values of what ends in `_maximum`."""
+    """Statistics of the steps between two frames: means, and largest values of what ends in `_maximum`."""
 
     def __init__(self):
         self.values: dict[str, list[float]] = {}
@@ -121,24 +129,82 @@ class Average:
         for name, value in statistics.items():
             self.values.setdefault(name, []).append(value)
 
-    def take(self) -> dict[str, float]:
-        """Return the summary and start anew."""
-        summary = {name: float(max(v) if name.endswith("_maximum") else np.mean(v))
-                   for name, v in self.values.items()}
-        self.values = {}
-        return summary
+    def summary(self) -> dict[str, float]:
+        """Return one number for every statistic."""
+        return {name: float(max(v) if name.endswith("_maximum") else np.mean(v)) for name, v in self.values.items()}
 
 
-def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: Path | None = None) -> dict:
+def with_more_room(solver, rebuild: Callable | None, state: dict, error: Exception):
+    """Solver in the given state, with room for more neighbors and particles than `solver`, which is void after this.
+
+    What it computes does not depend on the room. ``rebuild(head_room)`` builds it at t = 0.
+
+    Raises
+    ------
+    OutOfRoom
+        `error` again, where `rebuild` is None or liquid is compressed so far that more room is no remedy.
+    """
+    from sim.errors import OutOfRoom
+    from sim.runtime import restart as restart_taichi
+
+    head_room, seconds, cpu_seconds = solver.head_room, solver.seconds, solver.cpu_seconds
+    while True:
+        head_room *= MORE_ROOM
+        if rebuild is None or head_room > MOST_ROOM:
+            raise error
+        print(f"{error}; going on from {float(state['time']):.4g} s with more room", flush=True)
+        restart_taichi()
+        wider = rebuild(head_room)
+        wider.seconds, wider.cpu_seconds = seconds, cpu_seconds
+        try:
+            wider.restore(state)
+        except OutOfRoom as again:
+            error = again
+        else:
+            return wider
+
+
+def advance(solver, rebuild: Callable | None, good: dict, until: float, after_step: Callable):
+    """Advance to the time `until`, s.
+
+    Parameters
+    ----------
+    rebuild : see `with_more_room`.
+    good : state at the start, which the steps are repeated from with more room where the solver runs out of it.
+    after_step : called with the solver and the step taken, s, after every step.
+
+    Returns
+    -------
+    The solver that has arrived, and the statistics of its steps (`Average`).
+    """
+    from sim.errors import OutOfRoom
+
+    while True:
+        average = Average()
+        try:
+            for dt in solver.advance(until):
+                average.add(solver.statistics)
+                after_step(solver, dt)
+            solver.check_finite()
+        except OutOfRoom as error:
+            solver = with_more_room(solver, rebuild, good, error)
+        else:
+            return solver, average.summary()
+
+
+def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: Path | None = None,
+                     rebuild: Callable | None = None):
     """Advance `solver` over one segment and write its frames into `folder`.
 
     Parameters
     ----------
     restart : checkpoint that the segment started from.
+    rebuild : see `with_more_room`; without it the segment ends where the solver runs out of room.
 
     Returns
     -------
-    Times of the solver's parts after the steps of the warm-up (`sim.costs.times`); empty if there were no more steps.
+    The solver at the end, and the times of its parts after the steps of the warm-up (`sim.costs.times`); those are empty
+    if there were no more steps.
 
     Raises
     ------
@@ -150,26 +216,30 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
     from sim.time_step import SMALL_STEP, step_at_rest
 
     frames = scene.frames_of_segment(segment)
-    average, first, warm = Average(), solver.step_count, {}
+    first, warm, shown = solver.step_count, {}, 0.0
     usual, told = step_at_rest(solver), False
     good = solver.state()
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
     with progress(len(frames), label) as bar:
-        for index in frames:
+        for number, index in enumerate(frames):
             begin, before = solver.time, dict(solver.seconds)
             clocks = time.perf_counter(), time.process_time()
             until = index * scene.output.frame_interval
+
+            def after_step(solver, dt, number=number, begin=begin, until=until):
+                nonlocal warm, told, shown
+                if solver.step_count == first + WARM_UP:
+                    warm = times(solver)
+                if dt < SMALL_STEP * usual and not told:
+                    told = warn_of_small_steps(scene, solver, dt, usual)
+                bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
+                                    f"{solver.statistics['pressure_iterations']} pressure iterations")
+                now = number + (solver.time - begin) / (until - begin)
+                bar.update(now - shown)
+                shown = now
+
             try:
-                for dt in solver.advance(until):
-                    average.add(solver.statistics)
-                    if solver.step_count == first + WARM_UP:
-                        warm = times(solver)
-                    if dt < SMALL_STEP * usual and not told:
-                        told = warn_of_small_steps(scene, solver, dt, usual)
-                    bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
-                                        f"{solver.statistics['pressure_iterations']} pressure iterations")
-                    bar.update(dt / (until - begin))
-                solver.check_finite()
+                solver, statistics = advance(solver, rebuild, good, until, after_step)
             except (RunError, OverflowError) as error:
                 raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: "
                                 f"{diagnosis(solver, good, until, error)}; {kept(scene, restart)}, try a smaller "
@@ -178,14 +248,14 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
             good = solver.state()
             if index == 0:
                 solver.prepare_output()
-                bar.update(1)
+                bar.update(1 - shown)
+                shown = 1.0
             spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
             spent |= {f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
                       for effect in solver.effects if effect.name in solver.seconds}
-            statistics = average.take()
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
-    return warm if solver.step_count > first + WARM_UP else {}
+    return solver, warm if solver.step_count > first + WARM_UP else {}
 
 
 def diagnosis(solver, good: dict, until: float, error: Exception) -> str:
@@ -227,16 +297,22 @@ def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> 
                   f"{100 * share:.0f} % of the steps before {until:.4g} s", flush=True)
 
 
-def restore(solver, state: dict, path: Path) -> None:
-    """Take up the state of a checkpoint.
+def restored(solver, rebuild: Callable, state: dict, path: Path):
+    """Return the solver, or one with more room, in the state of a checkpoint.
 
     Raises
     ------
     UserError
         When the file holds no state of such a solver.
     """
+    from sim.errors import OutOfRoom
+
     try:
-        solver.restore(state)
+        try:
+            solver.restore(state)
+        except OutOfRoom as error:
+            return with_more_room(solver, rebuild, state, error)
+        return solver
     except (KeyError, ValueError, OverflowError) as error:
         raise UserError(f"{path}: is no checkpoint that this scene can start from ({error}); it must have the same "
                         "eye, particle spacing and liquids") from error
@@ -292,20 +368,21 @@ def main() -> None:
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, scene.numerics.threads if arguments.threads is None else arguments.threads)
+    rebuild = functools.partial(build_solver, scene, initial)
     try:
-        solver = build_solver(scene, initial)
+        solver = rebuild()
     except OverflowError as error:
         raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again") from error
     for note in solver.notes:
         print(f"{scene.name}: {note}", flush=True)
     if state:
-        restore(solver, state, arguments.restart)
+        solver = restored(solver, rebuild, state, arguments.restart)
         if arguments.segment == 0:  # the end of another scene is the start of this one
             solver.time, solver.step_count = 0.0, 0
     steps = solver.step_count
     with replacing_folder(arguments.frames) as folder:
         with counted_launches() as launches:
-            warm = simulate_segment(scene, solver, arguments.segment, folder, arguments.restart)
+            solver, warm = simulate_segment(scene, solver, arguments.segment, folder, arguments.restart, rebuild)
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
         write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)

@@ -2,6 +2,7 @@
 import numpy as np
 import taichi as ti
 
+from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real, real_numpy
 
 WALL_CLEARANCE = 0.1  # smallest distance of a particle to the wall's surface, in particle spacings
@@ -48,6 +49,7 @@ class WallStop:
         self.distance, self.count, self.contact = distance, count, contact
         self.clearance = WALL_CLEARANCE * particle_spacing
         self.contacts = ti.field(ti.i32, shape=())
+        self.partial = partial_results(1)
 
     @ti.func
     def stopped(self, i, x, v):
@@ -62,12 +64,15 @@ class WallStop:
 
     @ti.kernel
     def _sum(self):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            total = 0
+            for i in range(first(block, n), last(block, n)):
+                total += self.contact[i]
+            self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = 0
-            for i in range(self.count[None]):
-                total += self.contact[i]
-            self.contacts[None] = total
+            self.contacts[None] = ti.cast(total_of(self.partial, 0, n), ti.i32)
 
     def total(self) -> int:
         """Number of particles that the wall stopped in this step."""

@@ -39,7 +39,8 @@ class ConvexHull:
         """Neighbor of i, relative to i and in units of the scale, that lies farthest along w."""
         best = w * 0.0
         most = -1e30
-        for k in range(i * self.rows.width, i * self.rows.width + self.rows.count[i]):
+        for slot in range(self.rows.count[i]):
+            k = self.rows.entry(i, slot)
             j = self.rows.index[k]
             if self.group[j] == group:
                 x = self.separation(self.position[j], self.position[i]) / self.scale
@@ -54,7 +55,8 @@ class ConvexHull:
         """Mean of the neighbors, relative to i and in units of the scale, and their number."""
         total = self.position[i] * 0.0
         count = 0
-        for k in range(i * self.rows.width, i * self.rows.width + self.rows.count[i]):
+        for slot in range(self.rows.count[i]):
+            k = self.rows.entry(i, slot)
             j = self.rows.index[k]
             if self.group[j] == group:
                 total += self.separation(self.position[j], self.position[i])

@@ -96,14 +96,15 @@ class EffectAlone:
             if ti.static(self.body):
                 a += self.effect.body_acceleration(i)
             if ti.static(self.pair):
-                for k in range(i * self.solver.pairs.width, i * self.solver.pairs.width + self.solver.pairs.count[i]):
+                for slot in range(self.solver.pairs.count[i]):
+                    k = self.solver.pairs.entry(i, slot)
                     j = self.solver.pairs.index[k]
                     x_ij = self.solver.search.separation(self.solver.position[i], self.solver.position[j])
                     a += self.effect.pair_acceleration(i, j, x_ij, self.solver.pairs.gradient[k],
                                                        self.solver.pairs.weight[k])
             if ti.static(self.wall):
-                for k in range(i * self.solver.wall_pairs.width,
-                               i * self.solver.wall_pairs.width + self.solver.wall_pairs.count[i]):
+                for slot in range(self.solver.wall_pairs.count[i]):
+                    k = self.solver.wall_pairs.entry(i, slot)
                     b = self.solver.wall_pairs.index[k]
                     x_ib = self.solver.search.separation(self.solver.position[i], self.solver.walls.position[b])
                     a += self.effect.wall_acceleration(i, b, x_ib, self.solver.wall_pairs.gradient[k],

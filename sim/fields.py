@@ -4,6 +4,7 @@ import dataclasses
 import numpy as np
 import taichi as ti
 
+from sim.errors import OutOfRoom
 from sim.runtime import real
 
 
@@ -118,12 +119,12 @@ class ParticleStore:
 
         Raises
         ------
-        OverflowError
+        OutOfRoom
             When the capacity is reached.
         """
         row = self.count[None]
         if row >= self.capacity:
-            raise OverflowError(f"{row} particles fill the store; more were to be added")
+            raise OutOfRoom(f"{row} particles fill the store; more were to be added")
         zero = {f.name: 0 if f.kind in ("scalar", "integer") else np.zeros(self.arrays[f.name][0].to_numpy().shape)
                 for f in self.declared.values() if f.carried}
         self.set_row(row, zero | values)

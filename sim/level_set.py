@@ -116,7 +116,8 @@ class LevelSet:
         """Which particles have another color within the support radius; colors of the wall."""
         for i in range(self.count[None]):
             low, high = self.color[i], self.color[i]
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 c = self.color[self.pairs.index[k]]
                 low = ti.min(low, c)
                 high = ti.max(high, c)
@@ -125,7 +126,8 @@ class LevelSet:
                 self.particle_contrast[i] = (high - low) ** 2
         for b in range(self.walls.count):
             low, high = 1.0, 0.0
-            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+            for slot in range(self.wall_rows.count[b]):
+                k = self.wall_rows.entry(b, slot)
                 c = self.color[self.wall_rows.index[k]]
                 low = ti.min(low, c)
                 high = ti.max(high, c)

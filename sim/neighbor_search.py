@@ -1,9 +1,8 @@
 """Uniform grid, stable counting sort and neighbor rows with cached gradients.
 
-Liquid particles are sorted by cell in every step (x fastest), walls once. One kernel then writes, for every liquid
-particle, its liquid neighbors and its wall neighbors, and a second one the liquid neighbors of every wall particle:
-index, V_j grad_i W_ij and V_j W_ij. Later passes stream these rows and never touch the grid again.
-Rows have a fixed width; an overflow is an error, never a lost neighbor.
+Liquid particles are sorted by cell in every step (x fastest), walls once. Then the liquid neighbors and the wall
+neighbors of every liquid particle, and the liquid neighbors of every wall particle, are counted, the rows laid out, and
+index, V_j grad_i W_ij and V_j W_ij written. Later passes stream these rows and never touch the grid again.
 """
 import itertools
 
@@ -12,6 +11,8 @@ import taichi as ti
 
 from sim.boundary import Walls
 from sim.fields import ParticleStore
+from sim.neighbor_rows import COUNTING_SLACK, HEAD_ROOM, NeighborRows, entries_at_rest
+from sim.reductions import blocks, first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
 
 REACH = 2  # cells on each side that can hold neighbors
@@ -24,39 +25,6 @@ def corners(wall_position: np.ndarray, periods) -> tuple[np.ndarray, np.ndarray]
     return points.min(axis=0), points.max(axis=0)
 
 
-def row_widths(support_ratio: float, dimension: int, crowding: float) -> tuple[int, int, int]:
-    """Neighbors that fit into the rows of liquid-liquid, liquid-wall and wall-liquid pairs.
-
-    Parameters
-    ----------
-    support_ratio : support radius over particle spacing; crowding : particles per rest volume that must fit.
-    """
-    ball = {2: np.pi * support_ratio**2, 3: 4.0 / 3.0 * np.pi * support_ratio**3}[dimension]
-    width = int(crowding * ball) + 8
-    # In the corner of a box 7/8 of a ball is wall, on a round wall about half.
-    return width, int((0.6, 0.8)[dimension - 2] * width), int(0.75 * width)
-
-
-@ti.data_oriented
-class Rows:
-    """Neighbor rows of fixed width: entries of row i are i*width .. i*width + count[i] - 1."""
-
-    def __init__(self, rows: int, width: int, dimension: int):
-        self.width = width
-        self.rows = rows
-        size = max(rows, 1) * width
-        self.count = ti.field(ti.i32, shape=max(rows, 1))
-        self.index = ti.field(ti.i32, shape=size)
-        self.gradient = ti.Vector.field(dimension, real(), shape=size, layout=ti.Layout.SOA)  # V_j grad_i W_ij, 1/m
-        self.weight = ti.field(real(), shape=size)  # V_j W_ij
-        self.longest = ti.field(ti.i32, shape=())
-
-    def bytes(self) -> int:
-        """Memory of the rows."""
-        item = 4 if real() == ti.f32 else 8
-        return self.rows * self.width * (4 + item * (self.gradient.n + 1))
-
-
 @ti.data_oriented
 class NeighborSearch:
     """Neighbors within the support radius.
@@ -67,7 +35,7 @@ class NeighborSearch:
     wall_arrays : position (m, dimension), volume (m,) and depth (m,) of the wall particles, any order.
     kernel : smoothing kernel.
     lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
-    particle_spacing : m; crowding : particles per rest volume that must fit; both set the width of the rows.
+    particle_spacing : m; head_room : neighbors that must fit, over those at rest density.
     periods : length after which an axis repeats, m, 0 where it does not; empty where none does.
 
     Raises
@@ -77,7 +45,7 @@ class NeighborSearch:
     """
 
     def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float,
-                 crowding: float = 1.25, periods=()):
+                 head_room: float = HEAD_ROOM, periods=()):
         self.particles = particles
         self.position = particles.arrays["position"]
         self.volume = particles.arrays["volume"]
@@ -119,10 +87,12 @@ class NeighborSearch:
         self.wall_cell_start = ti.field(ti.i32, shape=self.cells + 1)
         self.wall_cell_start.from_numpy(start)
 
-        widths = row_widths(h / particle_spacing, self.dimension, crowding)
-        self.pairs = Rows(particles.capacity, widths[0], self.dimension)
-        self.wall_pairs = Rows(particles.capacity, widths[1], self.dimension)
-        self.wall_rows = Rows(self.walls.count, widths[2], self.dimension)
+        self.partial = partial_results(1)
+        entries, wall_entries = (int(head_room * n) + 1000 for n in entries_at_rest(
+            particles.capacity, depth, h / particle_spacing, particle_spacing, self.dimension))
+        self.pairs = NeighborRows(particles.capacity, entries, self.dimension)
+        self.wall_pairs = NeighborRows(particles.capacity, wall_entries, self.dimension)
+        self.wall_rows = NeighborRows(self.walls.count, wall_entries, self.dimension)
 
     def _sort_walls(self, position: np.ndarray):
         cell = np.floor((position - self.origin_numpy) / self.cell).astype(np.int64) @ np.array(self.strides)
@@ -166,49 +136,92 @@ class NeighborSearch:
                         self.position[i][axis] / self.periods[axis])
 
     @ti.kernel
-    def _assign(self):
-        for i in range(self.particles.count[None]):
-            self.cell_of[i] = self._cell_index(self.position[i])
-
-    @ti.kernel
     def _counting_sort(self):
-        # Serial and stable: the order, and with it every later sum, does not depend on the number of threads.
+        """Order of the particles by cell, within a cell as before: it does not depend on the number of threads."""
         n = self.particles.count[None]
-        ti.loop_config(serialize=True)
         for c in range(self.cells + 1):
             self.cell_fill[c] = 0
-        ti.loop_config(serialize=True)
         for i in range(n):
-            self.cell_fill[self.cell_of[i]] += 1
-        total = 0
+            c = self._cell_index(self.position[i])
+            self.cell_of[i] = c
+            ti.atomic_add(self.cell_fill[c], 1)
+        for block in range(blocks(self.cells)):
+            total = 0
+            for c in range(first(block, self.cells), last(block, self.cells)):
+                total += self.cell_fill[c]
+            self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            for c in range(self.cells + 1):
-                k = self.cell_fill[c]
-                self.cell_start[c] = total
-                self.cell_fill[c] = total
-                total += k
-        ti.loop_config(serialize=True)
+            self.cell_start[self.cells] = ti.cast(running_total(self.partial, 0, self.cells), ti.i32)
+        for block in range(blocks(self.cells)):
+            place = ti.cast(self.partial[0, block], ti.i32)
+            for c in range(first(block, self.cells), last(block, self.cells)):
+                self.cell_start[c] = place
+                place += self.cell_fill[c]
+                self.cell_fill[c] = 0
         for i in range(n):
             c = self.cell_of[i]
-            self.particles.order[self.cell_fill[c]] = i
-            self.cell_fill[c] += 1
+            self.particles.order[self.cell_start[c] + ti.atomic_add(self.cell_fill[c], 1)] = i
+        # The threads have filled a cell in any order.
+        for c in range(self.cells):
+            for k in range(self.cell_start[c] + 1, self.cell_start[c + 1]):
+                i = self.particles.order[k]
+                place = k
+                while place > self.cell_start[c] and self.particles.order[place - 1] > i:
+                    self.particles.order[place] = self.particles.order[place - 1]
+                    place -= 1
+                self.particles.order[place] = i
 
     @ti.func
-    def _scan(self, x, j, slot: ti.template(), pairs: ti.template(), row, x_j, volume_j):
+    def _counted(self, x, position: ti.template(), begin, end):
+        """Number of particles begin .. end - 1 within the support radius of x."""
+        n = 0
+        limit = (1.0 + COUNTING_SLACK) * self.kernel.support_radius**2
+        for j in range(begin, end):
+            n += ti.cast((x - position[j]).norm_sqr() < limit, ti.i32)
+        return n
+
+    @ti.kernel
+    def _count(self):
+        for i in range(self.particles.count[None]):
+            n = -1  # a particle is no neighbor of its own
+            m = 0
+            for s in range(self.image_count):
+                x = self.position[i] + self.image[s]
+                if self._near(x):
+                    c = self._cell_index(x)
+                    for k in range(self.row_count):
+                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
+                        n += self._counted(x, self.position, self.cell_start[begin], self.cell_start[end])
+                        m += self._counted(x, self.walls.position, self.wall_cell_start[begin],
+                                           self.wall_cell_start[end])
+            self.pairs.count[i] = ti.max(n, 0)  # -1 where the position is no number
+            self.wall_pairs.count[i] = m
+        for b in range(self.walls.count):
+            n = 0
+            for s in range(self.image_count):
+                x = self.walls.position[b] + self.image[s]
+                if self._near(x):
+                    c = self._cell_index(x)
+                    for k in range(self.row_count):
+                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
+                        n += self._counted(x, self.position, self.cell_start[begin], self.cell_start[end])
+            self.wall_rows.count[b] = n
+
+    @ti.func
+    def _write(self, x, j, slot: ti.template(), rows: ti.template(), row, x_j, volume_j):
         d = x - x_j
         r2 = d.norm_sqr()
         if r2 < self.kernel.support_radius**2:
-            if slot < pairs.width:
-                r = ti.sqrt(r2)
-                k = row * pairs.width + slot
-                pairs.index[k] = j
-                pairs.gradient[k] = (volume_j * self.kernel.gradient_factor(r)) * d
-                pairs.weight[k] = volume_j * self.kernel.value(r)
+            r = ti.sqrt(r2)
+            k = rows.entry(row, slot)
+            rows.index[k] = j
+            rows.gradient[k] = (volume_j * self.kernel.gradient_factor(r)) * d
+            rows.weight[k] = volume_j * self.kernel.value(r)
             slot += 1
 
     @ti.kernel
-    def _build(self):
+    def _fill(self):
         for i in range(self.particles.count[None]):
             n = 0
             m = 0
@@ -217,12 +230,12 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        first = c + self.row_offset[k]
-                        for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
+                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
+                        for j in range(self.cell_start[begin], self.cell_start[end]):
                             if j != i:
-                                self._scan(x, j, n, self.pairs, i, self.position[j], self.volume[j])
-                        for b in range(self.wall_cell_start[first - REACH], self.wall_cell_start[first + REACH + 1]):
-                            self._scan(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
+                                self._write(x, j, n, self.pairs, i, self.position[j], self.volume[j])
+                        for b in range(self.wall_cell_start[begin], self.wall_cell_start[end]):
+                            self._write(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
             self.pairs.count[i] = n
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
@@ -232,32 +245,15 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        first = c + self.row_offset[k]
-                        for j in range(self.cell_start[first - REACH], self.cell_start[first + REACH + 1]):
-                            self._scan(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
+                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
+                        for j in range(self.cell_start[begin], self.cell_start[end]):
+                            self._write(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
             self.wall_rows.count[b] = n
-
-    @ti.kernel
-    def _longest(self):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            a = 0
-            b = 0
-            c = 0
-            for i in range(self.particles.count[None]):
-                a = ti.max(a, self.pairs.count[i])
-                b = ti.max(b, self.wall_pairs.count[i])
-            for i in range(self.walls.count):
-                c = ti.max(c, self.wall_rows.count[i])
-            self.pairs.longest[None] = a
-            self.wall_pairs.longest[None] = b
-            self.wall_rows.longest[None] = c
 
     def sort(self) -> None:
         """Sort the liquid particles by cell."""
         if any(self.periods):
             self._wrap()
-        self._assign()
         self._counting_sort()
         self.particles.reorder()
 
@@ -266,23 +262,13 @@ class NeighborSearch:
 
         Raises
         ------
-        OverflowError
-            When a row is full: particles pile up far beyond rest density.
+        OutOfRoom
+            When they do not fit: particles pile up far beyond rest density.
         """
-        self._build()
-        self._longest()
-        for name in ("pairs", "wall_pairs", "wall_rows"):
-            rows = getattr(self, name)
-            if rows.longest[None] > rows.width:
-                raise OverflowError(
-                    f"{self._most_crowded(name)} has {rows.longest[None]} neighbors where {rows.width} fit ({name}): "
-                    "particles pile up; use a smaller time step")
-
-    def _most_crowded(self, name: str) -> str:
-        """The particle with the longest of some rows, in words."""
-        rows = getattr(self, name)
-        row = int(np.argmax(rows.count.to_numpy()))
-        position = (self.walls.position if name == "wall_rows" else self.position)[row]
-        place = ", ".join(f"{value:.4g}" for value in position.to_numpy())
-        number = "a wall particle" if name == "wall_rows" else f"particle {self.particles.arrays['id'][row]}"
-        return f"{number} at ({place}) m"
+        self._count()
+        for rows, n, what in ((self.pairs, self.particles.count[None], "pairs of particles"),
+                              (self.wall_pairs, self.particles.count[None], "pairs of a particle and the wall"),
+                              (self.wall_rows, self.walls.count, "pairs of the wall and a particle")):
+            rows.lay_out(n)
+            rows.check(what)
+        self._fill()

@@ -24,10 +24,12 @@ class _Packing:
         for i in range(self.particles.count[None]):
             total = self.position[i] * 0.0
             weight = self.particles.arrays["volume"][i] * self.search.kernel.at_zero
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 total += self.pairs.gradient[k]
                 weight += self.pairs.weight[k]
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 total += self.wall_pairs.gradient[k]
                 weight += self.wall_pairs.weight[k]
             move = -RELAXATION * self.spacing * self.support * total

@@ -39,7 +39,8 @@ class PressureOperators:
         """sum_f V_f W_bf of every wall particle; 0 where no liquid is near."""
         for b in range(self.walls.count):
             total = 0.0
-            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+            for slot in range(self.wall_rows.count[b]):
+                k = self.wall_rows.entry(b, slot)
                 total += self.wall_rows.weight[k]
             self.wall_weight[b] = total
 
@@ -51,25 +52,40 @@ class PressureOperators:
     def extrapolated(self, p: ti.template(), b):
         """Pressure of wall particle b: mean of the liquid neighbors."""
         total = 0.0
-        for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+        for slot in range(self.wall_rows.count[b]):
+            k = self.wall_rows.entry(b, slot)
             total += self.wall_rows.weight[k] * p[self.wall_rows.index[k]]
         return self.over_wall_weight(b, total)
 
     @ti.func
-    def pressure_force(self, p: ti.template(), i):
-        """-(D^T E p)_i / V_i; `wall_value` must hold the wall pressures."""
+    def liquid_force(self, p: ti.template(), i):
+        """Part of -(D^T E p)_i / V_i that the pressure of the liquid makes."""
         total = p[i] * self.gradient_sum[i]
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             total += p[self.pairs.index[k]] * self.pairs.gradient[k]
-        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+        return -total
+
+    @ti.func
+    def wall_force(self, i):
+        """The other part, from the wall pressures in `wall_value`."""
+        total = self.gradient_sum[i] * 0.0
+        for slot in range(self.wall_pairs.count[i]):
+            k = self.wall_pairs.entry(i, slot)
             total += self.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
         return -total
+
+    @ti.func
+    def pressure_force(self, p: ti.template(), i):
+        """-(D^T E p)_i / V_i; `wall_value` must hold the wall pressures."""
+        return self.liquid_force(p, i) + self.wall_force(i)
 
     @ti.func
     def wall_rate(self, v: ti.template(), b):
         """(D v)_b / (V_b sum_f V_f W_bf) of the static wall particle b."""
         total = 0.0
-        for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+        for slot in range(self.wall_rows.count[b]):
+            k = self.wall_rows.entry(b, slot)
             total -= v[self.wall_rows.index[k]].dot(self.wall_rows.gradient[k])
         return self.over_wall_weight(b, total)
 
@@ -77,17 +93,24 @@ class PressureOperators:
     def fold(self, i):
         """(P^T X)_i / V_i of the wall rows' X_b / (V_b sum_f V_f W_bf) in `wall_value`."""
         total = 0.0
-        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+        for slot in range(self.wall_pairs.count[i]):
+            k = self.wall_pairs.entry(i, slot)
             total += self.wall_pairs.weight[k] * self.wall_value[self.wall_pairs.index[k]]
+        return total
+
+    @ti.func
+    def liquid_rate(self, v: ti.template(), i):
+        """(D v)_i / V_i."""
+        total = v[i].dot(self.gradient_sum[i])
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
+            total -= v[self.pairs.index[k]].dot(self.pairs.gradient[k])
         return total
 
     @ti.func
     def volume_rate(self, v: ti.template(), i):
         """(E^T D v)_i; `wall_value` must hold the wall rates."""
-        total = v[i].dot(self.gradient_sum[i])
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-            total -= v[self.pairs.index[k]].dot(self.pairs.gradient[k])
-        return self.volume[i] * (total + self.fold(i))
+        return self.volume[i] * (self.liquid_rate(v, i) + self.fold(i))
 
     @ti.func
     def _weight(self, i, weighted: ti.template()):
@@ -108,7 +131,8 @@ class PressureOperators:
     def wall_hydrostatics(self, position: ti.template(), acceleration: ti.template(), b):
         """Part of the pressure of wall particle b that follows from the acceleration of the liquid around it."""
         total = 0.0
-        for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+        for slot in range(self.wall_rows.count[b]):
+            k = self.wall_rows.entry(b, slot)
             j = self.wall_rows.index[k]
             distance = self.walls.position[b] - position[j]
             total += self.wall_rows.weight[k] * self.mass[j] / self.volume[j] * acceleration[j].dot(distance)
@@ -118,7 +142,8 @@ class PressureOperators:
     def push_from_wall(self, v: ti.template(), i, dt):
         """Velocity that particle i gains from the pressures in `wall_value`."""
         total = v[i] * 0.0
-        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+        for slot in range(self.wall_pairs.count[i]):
+            k = self.wall_pairs.entry(i, slot)
             total -= self.wall_value[self.wall_pairs.index[k]] * self.wall_pairs.gradient[k]
         return dt * self.volume[i] / self.mass[i] * total
 
@@ -144,7 +169,8 @@ class PressureOperators:
     def _own_gradient(self, i):
         """Gradient of a unit pressure of particle i at its own place, that of the walls it extrapolates to included."""
         total = self.gradient_sum[i]
-        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+        for slot in range(self.wall_pairs.count[i]):
+            k = self.wall_pairs.entry(i, slot)
             b = self.wall_pairs.index[k]
             share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k]
             total += self.over_wall_weight(b, share) * self.wall_pairs.gradient[k]
@@ -155,7 +181,8 @@ class PressureOperators:
         """Diagonal of A without what one liquid particle does to another by way of the wall."""
         for i in range(self.count[None]):
             total = self._weight(i, weighted) * self._own_gradient(i).norm_sqr() / self.volume[i]
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 total += self._weight(j, weighted) * self.pairs.gradient[k].norm_sqr() / self.volume[j]
             self.diagonal[i] = self.volume[i] ** 2 * total
@@ -166,8 +193,14 @@ class PressureOperators:
         for b in range(self.walls.count):
             self.wall_value[b] = self.extrapolated(x, b)
         for i in range(self.count[None]):
-            self.force[i] = self._weight(i, weighted) * self.pressure_force(x, i)
+            self.force[i] = self._weight(i, weighted) * self.liquid_force(x, i)
+        for member in range(self.wall_pairs.member_count[None]):
+            i = self.wall_pairs.member[member]
+            self.force[i] += self._weight(i, weighted) * self.wall_force(i)
         for b in range(self.walls.count):
             self.wall_value[b] = self.wall_rate(self.force, b)
         for i in range(self.count[None]):
-            self.applied[i] = -self.volume_rate(self.force, i)
+            self.applied[i] = -self.volume[i] * self.liquid_rate(self.force, i)
+        for member in range(self.wall_pairs.member_count[None]):
+            i = self.wall_pairs.member[member]
+            self.applied[i] -= self.volume[i] * self.fold(i)

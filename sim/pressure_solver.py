@@ -7,6 +7,7 @@ accelerated.
 import taichi as ti
 
 from sim.pressure_operators import PressureOperators
+from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
 
 POWER_ITERATIONS = 40  # for the largest eigenvalue of D^-1 A
@@ -14,7 +15,6 @@ JACOBI_LIMIT = 1.6  # plain relaxation over the largest eigenvalue; 2 is the lim
 ACCELERATED_LIMIT = 0.9  # the same for the accelerated one; 1 is the limit that its proof allows
 LARGEST_VIOLATION = 30.0  # of a single particle, over the mean: a few left alone would be thrown out of a splash
 DIVERGED = 100.0  # growth of the mean violation in a solve, from which the relaxation is taken to be too large
-BLOCK = 32  # particles per partial sum
 
 
 @ti.data_oriented
@@ -32,21 +32,23 @@ class ConjugateResiduals:
         n = operators.particles.capacity
         self.right_side, self.residual, self.direction, self.image, self.preconditioned = (
             ti.field(real(), shape=n) for _ in range(5))
-        self.product, self.product_2 = (ti.field(ti.f64, shape=n) for _ in range(2))
+        self.partial = partial_results(3)
         self.rho, self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta, self.mean = (ti.field(real(), shape=()) for _ in range(3))
 
     @ti.kernel
     def _start(self, p: ti.template()):
         """residual = b - A p with the mean removed."""
-        for i in range(self.count[None]):
-            self.residual[i] = self.right_side[i] - self.operators.applied[i]
+        n = self.count[None]
+        for block in range(blocks(n)):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                self.residual[i] = self.right_side[i] - self.operators.applied[i]
+                total += self.residual[i]
+            self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.residual[i]
-            self.mean[None] = total / self.count[None]
+            self.mean[None] = total_of(self.partial, 0, n) / n
             self.rho[None] = 0.0
         for i in range(self.count[None]):
             self.residual[i] -= self.mean[None]
@@ -56,52 +58,60 @@ class ConjugateResiduals:
     @ti.kernel
     def _precondition(self):
         """preconditioned = residual / diagonal with the mean removed; mean and largest residual per volume."""
-        for i in range(self.count[None]):
-            z = self.residual[i] / self.operators.diagonal[i]
-            self.preconditioned[i] = z
-            self.product[i] = ti.abs(self.residual[i]) / self.operators.volume[i]
-            self.product_2[i] = z
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             mean = ti.cast(0.0, ti.f64)
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                mean += self.product_2[i]
-                total += self.product[i]
-                largest = ti.max(largest, self.product[i])
-            self.mean[None] = mean / self.count[None]
-            self.residual_mean[None] = total / self.count[None]
-            self.residual_maximum[None] = largest
+            for i in range(first(block, n), last(block, n)):
+                z = self.residual[i] / self.operators.diagonal[i]
+                self.preconditioned[i] = z
+                left = ti.cast(ti.abs(self.residual[i]) / self.operators.volume[i], ti.f64)
+                mean += z
+                total += left
+                largest = ti.max(largest, left)
+            self.partial[0, block] = mean
+            self.partial[1, block] = total
+            self.partial[2, block] = largest
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.mean[None] = total_of(self.partial, 0, n) / n
+            self.residual_mean[None] = total_of(self.partial, 1, n) / n
+            self.residual_maximum[None] = largest_of(self.partial, 2, n)
         for i in range(self.count[None]):
             self.preconditioned[i] -= self.mean[None]
 
     @ti.kernel
     def _advance(self, p: ti.template()):
         """One step of conjugate residuals; rho becomes z.Az, and alpha is 0 where the search has to stop."""
-        for i in range(self.count[None]):
-            self.product[i] = ti.cast(self.preconditioned[i], ti.f64) * self.operators.applied[i]
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             mean = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.product[i]
+            for i in range(first(block, n), last(block, n)):
+                total += ti.cast(self.preconditioned[i], ti.f64) * self.operators.applied[i]
                 mean += self.operators.applied[i]
-            self.mean[None] = mean / self.count[None]
-            self.beta[None] = ti.select(self.rho[None] > 0.0, total / self.rho[None], 0.0)
-            self.rho[None] = total
-        for i in range(self.count[None]):
-            beta = self.beta[None]
-            self.direction[i] = self.preconditioned[i] + beta * self.direction[i]
-            # A does not map to zero mean exactly: left in, a uniform rate that no pressure can change would build up.
-            self.image[i] = self.operators.applied[i] - self.mean[None] + beta * self.image[i]
-            self.product[i] = ti.cast(self.image[i], ti.f64) * self.image[i] / self.operators.diagonal[i]
+            self.partial[0, block] = total
+            self.partial[1, block] = mean
         ti.loop_config(serialize=True)
         for _ in range(1):
+            total = total_of(self.partial, 0, n)
+            self.mean[None] = total_of(self.partial, 1, n) / n
+            self.beta[None] = ti.select(self.rho[None] > 0.0, total / self.rho[None], 0.0)
+            self.rho[None] = total
+        for block in range(blocks(n)):
+            beta = self.beta[None]
             total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.product[i]
+            for i in range(first(block, n), last(block, n)):
+                self.direction[i] = self.preconditioned[i] + beta * self.direction[i]
+                # A does not map to zero mean exactly: left in, a uniform rate that no pressure can change would build
+                # up.
+                self.image[i] = self.operators.applied[i] - self.mean[None] + beta * self.image[i]
+                total += ti.cast(self.image[i], ti.f64) * self.image[i] / self.operators.diagonal[i]
+            self.partial[0, block] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = total_of(self.partial, 0, n)
             self.alpha[None] = ti.select((self.rho[None] > 0.0) & (total > 0.0), self.rho[None] / total, 0.0)
         for i in range(self.count[None]):
             alpha = self.alpha[None]
@@ -149,8 +159,7 @@ class Jacobi:
         self.count = operators.count
         n = operators.particles.capacity
         self.right_side, self.extrapolated = (ti.field(real(), shape=n) for _ in range(2))
-        blocks = n // BLOCK + 1
-        self.block_sum, self.block_largest, self.block_turn = (ti.field(ti.f64, shape=blocks) for _ in range(3))
+        self.partial = partial_results(3)
         self.residual_mean, self.residual_maximum, self.turn = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.relaxation, self.momentum = (ti.field(real(), shape=()) for _ in range(2))
         self.eigenvalue = ti.field(ti.f64, shape=())
@@ -163,13 +172,16 @@ class Jacobi:
     @ti.kernel
     def _divide(self):
         """One power iteration: extrapolated = D^-1 A extrapolated, scaled to largest entry 1."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             largest = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
+            for i in range(first(block, n), last(block, n)):
                 if self.operators.diagonal[i] > 0.0:
                     largest = ti.max(largest, ti.abs(self.operators.applied[i] / self.operators.diagonal[i]))
-            self.eigenvalue[None] = largest
+            self.partial[0, block] = largest
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.eigenvalue[None] = largest_of(self.partial, 0, n)
         for i in range(self.count[None]):
             d = self.operators.diagonal[i]
             value = self.operators.applied[i] / (ti.max(d, 1e-30) * self.eigenvalue[None])
@@ -201,11 +213,11 @@ class Jacobi:
     @ti.kernel
     def _advance(self, p: ti.template()):
         n = self.count[None]
-        for block in range((n + BLOCK - 1) // BLOCK):
+        for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
             turn = ti.cast(0.0, ti.f64)
-            for i in range(block * BLOCK, ti.min(n, (block + 1) * BLOCK)):
+            for i in range(first(block, n), last(block, n)):
                 d = self.operators.diagonal[i]
                 missing = self.right_side[i] - self.operators.applied[i]
                 y = self.extrapolated[i]
@@ -219,21 +231,14 @@ class Jacobi:
                 turn += ti.cast((y - new) * d, ti.f64) * change
                 p[i] = new
                 self.extrapolated[i] = new + self.momentum[None] * change
-            self.block_sum[block] = total
-            self.block_largest[block] = largest
-            self.block_turn[block] = turn
+            self.partial[0, block] = total
+            self.partial[1, block] = largest
+            self.partial[2, block] = turn
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            largest = ti.cast(0.0, ti.f64)
-            turn = ti.cast(0.0, ti.f64)
-            for block in range((n + BLOCK - 1) // BLOCK):
-                total += self.block_sum[block]
-                largest = ti.max(largest, self.block_largest[block])
-                turn += self.block_turn[block]
-            self.residual_mean[None] = total / n
-            self.residual_maximum[None] = largest
-            self.turn[None] = turn
+            self.residual_mean[None] = total_of(self.partial, 0, n) / n
+            self.residual_maximum[None] = largest_of(self.partial, 1, n)
+            self.turn[None] = total_of(self.partial, 2, n)
 
     def solve(self, p, *, weighted: bool, step: float, tolerance: float, maximum_iterations: int,
               minimum_iterations: int = 2):

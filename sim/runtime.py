@@ -40,6 +40,13 @@ def shut_down() -> None:
     _started.clear()
 
 
+def restart() -> None:
+    """Free all fields of this process and start Taichi again as it was; solvers made before are void."""
+    arguments = dict(_started)
+    shut_down()
+    initialize(**arguments)
+
+
 def real():
     """Taichi type of the real fields of this process."""
     return ti.f32 if _started["precision"] == "f32" else ti.f64

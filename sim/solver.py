@@ -7,10 +7,12 @@ import taichi as ti
 from sim import effects as effect_registry
 from sim import schemes
 from sim.diagnosis import Watcher, bad_number, described
-from sim.errors import RunError
+from sim.errors import OutOfRoom, RunError
 from sim.fields import Field, ParticleStore
 from sim.lazy import without_idle
+from sim.neighbor_rows import HEAD_ROOM
 from sim.neighbor_search import NeighborSearch, corners
+from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real_numpy
 from sim.settings import Settings
 from sim.signed_distance import SignedDistance
@@ -29,9 +31,9 @@ BASE_FIELDS = (
 COINCIDENT_SHIFT = 0.01  # of a particle that starts where another one is, in particle spacings
 
 
-def capacity_for(count: int) -> int:
+def capacity_for(count: int, head_room: float = HEAD_ROOM) -> int:
     """Particles that fit into a solver that starts with `count`: head room for those that an injection splits."""
-    return int(1.15 * count) + 512
+    return int((1.0 + 0.4 * (head_room - 1.0)) * count) + 512
 
 
 class Divergence(RunError):
@@ -50,10 +52,11 @@ class Solver:
     sdf_values, sdf_origin, sdf_cell : signed distance of the cavity, negative inside.
     cavity_volume : m^3 (m^2 in 2D).
     fluid_velocity : (n, d), m/s; at rest without it.
+    head_room : neighbors that fit, over those at rest density everywhere; particles and points of the interface with it.
     """
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
-                 wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None):
+                 wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None, head_room=HEAD_ROOM):
         given = {type(p) for p in settings.effects}
         settings, self.notes = without_idle(settings)
         self.settings = settings
@@ -66,6 +69,7 @@ class Solver:
         self.support_radius = numerics.support_ratio * self.spacing
         self.kernel = KERNELS[numerics.kernel](self.support_radius, self.dimension)
         self.distance = SignedDistance(np.asarray(sdf_values), sdf_origin, sdf_cell)
+        self.head_room = head_room
         self.time, self.step_count, self.next_id = 0.0, 0, len(fluid_position)
         self.statistics: dict[str, float] = {}
         self.seconds: dict[str, float] = {}  # by the clock, of every timed part
@@ -83,16 +87,18 @@ class Solver:
                 raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")
         scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
         fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
-        self.particles = ParticleStore(fields, capacity_for(len(fluid_position)), self.dimension, len(self.liquids))
+        self.particles = ParticleStore(fields, capacity_for(len(fluid_position), head_room), self.dimension,
+                                       len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
-                                     self.spacing, max([1.25, *(c.crowding for c in classes)]), settings.periods)
+                                     self.spacing, head_room, settings.periods)
         self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
         for name in ("position", "velocity", "acceleration"):
             setattr(self, name, self.particles.arrays[name])
         self.count = self.particles.count
         self.largest = ti.field(ti.f64, shape=4)
+        self.partial = partial_results(3)
         self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
         parameters = {type(p): p for p in settings.effects}
         self.effects = []
@@ -135,19 +141,24 @@ class Solver:
 
     @ti.kernel
     def _largest_values(self):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             speed = ti.cast(0.0, ti.f64)
             acceleration = ti.cast(0.0, ti.f64)
             total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
+            for i in range(first(block, n), last(block, n)):
                 v2 = ti.cast(self.velocity[i].norm_sqr(), ti.f64)
                 speed = ti.max(speed, v2)
                 acceleration = ti.max(acceleration, ti.cast(self.acceleration[i].norm_sqr(), ti.f64))
                 total += v2
-            self.largest[0] = ti.sqrt(speed)
-            self.largest[1] = ti.sqrt(acceleration)
-            self.largest[2] = total
+            self.partial[0, block] = speed
+            self.partial[1, block] = acceleration
+            self.partial[2, block] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.largest[0] = ti.sqrt(largest_of(self.partial, 0, n))
+            self.largest[1] = ti.sqrt(largest_of(self.partial, 1, n))
+            self.largest[2] = total_of(self.partial, 2, n)
 
     @ti.kernel
     def _accelerate(self, dt: float):
@@ -156,13 +167,15 @@ class Solver:
             for effect in ti.static(self.body_acceleration_effects):
                 a += effect.body_acceleration(i)
             if ti.static(len(self.pair_acceleration_effects) > 0):
-                for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                for slot in range(self.pairs.count[i]):
+                    k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     x_ij = self.search.separation(self.position[i], self.position[j])
                     for effect in ti.static(self.pair_acceleration_effects):
                         a += effect.pair_acceleration(i, j, x_ij, self.pairs.gradient[k], self.pairs.weight[k])
             if ti.static(len(self.wall_acceleration_effects) > 0):
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     x_ib = self.search.separation(self.position[i], self.walls.position[b])
                     for effect in ti.static(self.wall_acceleration_effects):
@@ -348,6 +361,8 @@ class Solver:
         ------
         ValueError
             The state holds a mixture, and no effect here keeps volume fractions.
+        OutOfRoom
+            It has more particles than fit.
         """
         fractions = state.get("particles.volume_fraction")
         if (fractions is not None and "volume_fraction" not in self.particles.arrays
@@ -356,6 +371,8 @@ class Solver:
                              "effects.diffusion with coefficient 0")
         self.time, self.step_count = float(state["time"]), int(state["step_count"])
         self.next_id = int(state["next_id"])
+        if len(state["particles.id"]) > self.particles.capacity:
+            raise OutOfRoom(f"the state has {len(state['particles.id'])} particles where {self.particles.capacity} fit")
         self.count[None] = len(state["particles.id"])
         for field in self.particles.declared.values():
             if f"particles.{field.name}" in state:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.shapes import shape_arrays
 from sim.effects import REGISTRY
+from sim.neighbor_rows import HEAD_ROOM
 from sim.packing import pack
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import Solver
@@ -36,7 +37,7 @@ def cavity(kind: str, size, dimension: int = 2, spacing: float = SPACING, period
 
 
 def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="f64", filled=None, velocity=None,
-          scheme_parameters=None, continued=False, **numerics) -> Solver:
+          scheme_parameters=None, continued=False, head_room=HEAD_ROOM, **numerics) -> Solver:
     """Return a solver in a cavity; functions of the positions give phase, velocity and, with a free surface, liquid.
 
     By default the upper half is oil, everything is at rest and the cavity is full; `filled` marks what is liquid.
@@ -55,7 +56,7 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
                   fluid_phase=np.asarray(phase).astype(int), wall_position=arrays["wall_position"],
                   wall_volume=arrays["wall_volume"], wall_depth=arrays["wall_distance"],
                   sdf_values=arrays["sdf_values"], sdf_origin=arrays["sdf_origin"], sdf_cell=arrays["sdf_cell"],
-                  cavity_volume=arrays["cavity_volume"])
+                  cavity_volume=arrays["cavity_volume"], head_room=head_room)
 
 
 def run(solver: Solver, until: float, watch=lambda solver: None) -> list:

@@ -15,7 +15,7 @@ from pipeline.errors import UserError
 from pipeline.scene import load_scene
 from pipeline.signed_distance import SignedDistance
 from sim.convex_hull import INSIDE, OPEN, ConvexHull
-from sim.neighbor_search import Rows
+from sim.neighbor_rows import NeighborRows
 from sim.settings import Liquid
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -38,17 +38,15 @@ class Probe:
     def __init__(self, points: np.ndarray, sets: list[np.ndarray]):
         self.number, dimension = points.shape
         sizes = np.array([len(each) for each in sets])
-        self.rows = Rows(self.number, int(sizes.max()), dimension)
-        index = np.zeros((self.number, self.rows.width), dtype=np.int32)
-        for row, size, start in zip(index, sizes, self.number + np.cumsum(sizes) - sizes, strict=True):
-            row[:size] = start + np.arange(size)
+        self.rows = NeighborRows(self.number, int(sizes.sum()), dimension)
         position = np.concatenate([points, *sets])
         self.position = ti.Vector.field(dimension, ti.f64, shape=len(position))
         self.group = ti.field(ti.i32, shape=len(position))
         self.position.from_numpy(position)
         self.group.from_numpy(np.r_[np.zeros(self.number), np.ones(sizes.sum())].astype(np.int32))
-        self.rows.index.from_numpy(index.ravel())
+        self.rows.index.from_numpy(self.number + np.arange(sizes.sum(), dtype=np.int32))
         self.rows.count.from_numpy(sizes.astype(np.int32))
+        self.rows.lay_out(self.number)
         self.direction = ti.Vector.field(dimension, ti.f64, shape=self.number)
         self.answer = ti.field(ti.i32, shape=self.number)
         self.distance = ti.field(ti.f64, shape=self.number)

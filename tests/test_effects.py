@@ -111,7 +111,8 @@ def effect_of(solver, name):
 def add_pair_accelerations(solver: ti.template(), effect: ti.template()):
     for i in range(solver.count[None]):
         total = solver.velocity[i] * 0.0
-        for k in range(i * solver.pairs.width, i * solver.pairs.width + solver.pairs.count[i]):
+        for slot in range(solver.pairs.count[i]):
+            k = solver.pairs.entry(i, slot)
             j = solver.pairs.index[k]
             total += effect.pair_acceleration(i, j, solver.position[i] - solver.position[j], solver.pairs.gradient[k],
                                               solver.pairs.weight[k])

@@ -1,5 +1,8 @@
 """The solver as a whole: restarts, threads, precision, posture, time steps, failures and spin."""
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import cavities
 import numpy as np
@@ -208,3 +211,50 @@ def test_rotation_stays_rigid_and_inside(spinning):
     assert np.abs(rate[outer] / 8.0 - 1.0).mean() < 0.05
     assert np.linalg.norm(position, axis=1).max() < cavities.RADIUS
     assert compression.min() > 0.95 and compression.max() < 1.05
+
+
+def test_a_solver_that_runs_out_of_room_goes_on_with_more_and_computes_the_same(tmp_path):
+    """In a process of its own: Taichi starts anew with the wider solver."""
+    script = '''
+import sys
+from pathlib import Path
+import numpy as np
+import cavities
+from pipeline.simulate import advance, restored
+from sim.errors import OutOfRoom
+from sim.runtime import initialize
+
+initialize("f64", 2)
+circle = cavities.cavity("circle", cavities.RADIUS)
+
+
+def build(head_room=1.4):
+    return cavities.build(circle, head_room=head_room)
+
+
+def squeezed(solver):
+    """A state whose particles crowd on one side, so that there are more pairs than at rest."""
+    position = solver.particles.to_numpy("position")
+    position[:, 0] = position[:, 0] * np.where(position[:, 0] > 0.0, 0.5, 1.0)
+    solver.particles.from_numpy("position", position)
+    return solver.state()
+
+
+wide = build(6.0)
+state = squeezed(wide)
+wide.restore(state)
+advance(wide, None, state, 2e-3, lambda solver, dt: None)
+expected = wide.state()
+try:
+    build(0.4).restore(state)
+except OutOfRoom as error:
+    print("refused:", error)
+found = restored(build(0.4), build, state, "checkpoint")
+found, statistics = advance(found, build, state, 2e-3, lambda solver, dt: None)
+same = all(np.array_equal(np.asarray(expected[name]), np.asarray(value)) for name, value in found.state().items())
+print("same bits:", same)
+'''
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True,
+                            env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)}, cwd=Path(__file__).parents[1])
+    assert "refused: there are" in result.stdout and "going on from 0 s with more room" in result.stdout
+    assert "same bits: True" in result.stdout, result.stdout

@@ -110,7 +110,8 @@ def test_stress_stays_at_the_yield_stress(gel):
 def add_forces(solver: ti.template(), effect: ti.template()):
     for i in range(solver.count[None]):
         total = solver.velocity[i] * 0.0
-        for k in range(i * solver.pairs.width, i * solver.pairs.width + solver.pairs.count[i]):
+        for slot in range(solver.pairs.count[i]):
+            k = solver.pairs.entry(i, slot)
             j = solver.pairs.index[k]
             total += effect.pair_acceleration(i, j, total, solver.pairs.gradient[k], solver.pairs.weight[k])
         solver.acceleration[i] = solver.particles.arrays["mass"][i] * total

@@ -53,7 +53,6 @@ class Cohesion(Effect):
     name = "cohesion"
     Parameters = CohesionParameters
     uses = ("mass", "phase", "compression_rate")
-    crowding = 2.0  # it draws the small particles together that an injection, in the scene before, has left
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

@@ -89,7 +89,8 @@ class Collision(Effect):
         """Sums of V_k W_ik over the neighbors of one liquid, and over all others with the particle itself."""
         within = 0.0
         beside = self.particles.volume[i] * self.kernel.at_zero
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             if self.particles.phase[self.pairs.index[k]] == liquid:
                 within += self.pairs.weight[k]
             else:
@@ -101,7 +102,8 @@ class Collision(Effect):
         """Velocity of the virtual particle, and the unit normal from the other liquid into that of i."""
         liquid = self.particles.held_by[i]
         velocity, normal = self.particles.velocity[i] * 0.0, self.particles.velocity[i] * 0.0
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             j = self.pairs.index[k]
             if self.particles.phase[j] == liquid:
                 velocity += self.pairs.weight[k] / self.particles.held_weight[i] * self.particles.velocity[j]
@@ -163,7 +165,8 @@ class Collision(Effect):
         for i in range(self.count[None]):
             load = ti.select(self._collides(i), 1.0, 0.0)
             move_load = ti.select(self.particles.held_by[i] >= 0, 1.0, 0.0)
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 share = self._share(i, k)
                 move_load += share
                 if self._collides(self.pairs.index[k]):
@@ -175,7 +178,8 @@ class Collision(Effect):
                 mass = 0.0
                 loaded = self.particles.collision_load[i] / self.particles.mass[i]
                 most = ti.max(self.particles.move_load[i], 1.0)
-                for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                for slot in range(self.pairs.count[i]):
+                    k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     if self.particles.phase[j] == self.particles.held_by[i]:
                         share = self.pairs.weight[k] / self.particles.held_weight[i]
@@ -194,7 +198,8 @@ class Collision(Effect):
             move = self.particles.collision_move[i]
             handed = move * 0.0
             touched = self.particles.held_by[i] >= 0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 share = self._share(i, k)
                 if share > 0.0:
                     j = self.pairs.index[k]

@@ -42,6 +42,7 @@ import taichi as ti
 from sim.effects.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
+from sim.reductions import blocks, first, last, total_of
 from sim.runtime import real
 
 LAYER = 2.0  # depth of the layer at the wall in which the contact line is found, in particle spacings
@@ -116,7 +117,6 @@ class ContactLineEmulsification(Mixing):
         *Mixing.fields,
         Field("wall_layer_weight", "scalar", "1/m", "weight of the layer at the wall, its integral over depth is 1"),
         Field("wall_shear_rate", "scalar", "1/s", "shear rate at the wall"),
-        Field("contact_line_part", "scalar", "m", "length of the contact line that belongs to the particle (1 in 2D)"),
     )
 
     def __init__(self, parameters, solver):
@@ -217,22 +217,24 @@ class ContactLineEmulsification(Mixing):
 
     @ti.kernel
     def _measure_line(self):
-        for i in range(self.count[None]):
-            own = self.particles.volume_fraction[i]
-            total = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-                j = self.pairs.index[k]
-                x_ij = self._separation(i, j)
-                other = self.particles.volume_fraction[j]
-                total += self._weight(j, x_ij) * self._line(i, j, x_ij) * (
-                    own[self.oil] * other[self.aqueous] + other[self.oil] * own[self.aqueous])
-            self.particles.contact_line_part[i] = 0.5 * self.particles.volume[i] * total
+        n = self.count[None]
+        for block in range(blocks(n)):
+            length = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                own = self.particles.volume_fraction[i]
+                total = 0.0
+                for slot in range(self.pairs.count[i]):
+                    k = self.pairs.entry(i, slot)
+                    j = self.pairs.index[k]
+                    x_ij = self._separation(i, j)
+                    other = self.particles.volume_fraction[j]
+                    total += self._weight(j, x_ij) * self._line(i, j, x_ij) * (
+                        own[self.oil] * other[self.aqueous] + other[self.oil] * own[self.aqueous])
+                length += 0.5 * self.particles.volume[i] * total
+            self.partial[0, block] = length
         ti.loop_config(serialize=True)
         for _ in range(1):
-            length = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                length += self.particles.contact_line_part[i]
-            self.line_length[None] = length
+            self.line_length[None] = total_of(self.partial, 0, n)
 
     def contact_line_length(self) -> float:
         """Length of the contact line, m; in two dimensions the number of contact points."""

@@ -45,7 +45,8 @@ class Curvature(Effect):
     def _normals(self):
         for i in range(self.count[None]):
             total = self.particles.interface_normal[i] * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 total += self.likeness.of(i, self.pairs.index[k]) * self.pairs.gradient[k]
             self.particles.interface_normal[i] = self.support * total
 

@@ -23,7 +23,6 @@ class Effect:
     requires : names of the effects that must be active too.
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
-    crowding : largest number of particles per rest volume that this effect makes; it sets the width of neighbor rows.
     """
 
     name: str
@@ -33,7 +32,6 @@ class Effect:
     requires: tuple[str, ...] = ()
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
-    crowding: float = 1.25
 
     def __init__(self, parameters, solver):
         self.parameters = parameters

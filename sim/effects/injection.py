@@ -50,7 +50,6 @@ class Injection(Effect):
     Parameters = InjectionParameters
     fields = (Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),)
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
-    crowding = 2.0
     periodic = False
 
     def __init__(self, parameters, solver):

@@ -20,6 +20,7 @@ import numpy as np
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.errors import OutOfRoom
 from sim.fields import Field
 from sim.level_set import LevelSet
 from sim.parameters import parameter
@@ -69,7 +70,7 @@ class InterfaceTension(Effect):
         densities = [liquid.density for liquid in solver.liquids]
         self.density_difference = densities[1] - densities[0]
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
-        capacity = int(40.0 * area / self.grid.cell ** (self.dimension - 1)) + 1000
+        capacity = int(30.0 * solver.head_room * area / self.grid.cell ** (self.dimension - 1)) + 1000
         self.capacity = capacity
         self.point, self.sorted_point = (
             ti.Vector.field(self.dimension, real(), shape=capacity, layout=ti.Layout.SOA) for _ in range(2))
@@ -113,7 +114,7 @@ class InterfaceTension(Effect):
         self.level_set.update()
         self._find_points()
         if self.point_count[None] > self.capacity:
-            raise OverflowError(f"the interface has {self.point_count[None]} grid crossings where {self.capacity} fit: "
+            raise OutOfRoom(f"the interface has {self.point_count[None]} grid crossings where {self.capacity} fit: "
                                 "the liquids are mixed down to single particles")
         self._sort_points()
         self._group_points()

@@ -21,6 +21,7 @@ import taichi as ti
 from sim.effects.effect import Effect
 from sim.errors import RunError
 from sim.fields import Field
+from sim.reductions import blocks, first, largest_of, last, partial_results
 from sim.runtime import real
 from sim.smoothing_kernels import lattice_moment
 
@@ -48,6 +49,7 @@ class Mixing(Effect):
         for k, liquid in enumerate(solver.liquids):
             self.density[k] = liquid.density
         self.largest_rate = ti.field(real(), shape=())
+        self.partial = partial_results(1)
         self.sub_steps = 0  # of the last exchange
         # What pair fluxes along a gradient are multiplied with, to be right on a lattice.
         spacing = solver.rest_volume ** (1.0 / solver.dimension)
@@ -85,19 +87,22 @@ class Mixing(Effect):
 
     @ti.kernel
     def _measure(self):
-        for i in range(self.count[None]):
-            total = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
-                j = self.pairs.index[k]
-                x_ij = self._separation(i, j)
-                total += self._weight(j, x_ij) * self.pair_rate(i, j, x_ij)
-            self.particles.exchange_rate[i] = total
+        n = self.count[None]
+        for block in range(blocks(n)):
+            largest = 0.0
+            for i in range(first(block, n), last(block, n)):
+                total = 0.0
+                for slot in range(self.pairs.count[i]):
+                    k = self.pairs.entry(i, slot)
+                    j = self.pairs.index[k]
+                    x_ij = self._separation(i, j)
+                    total += self._weight(j, x_ij) * self.pair_rate(i, j, x_ij)
+                self.particles.exchange_rate[i] = total
+                largest = ti.max(largest, total)
+            self.partial[0, block] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
-            largest = 0.0
-            for i in range(self.count[None]):
-                largest = ti.max(largest, self.particles.exchange_rate[i])
-            self.largest_rate[None] = largest
+            self.largest_rate[None] = largest_of(self.partial, 0, n)
 
     @ti.kernel
     def _exchange(self, dt: float):
@@ -106,7 +111,8 @@ class Mixing(Effect):
             change = self.particles.volume_fraction[i] * 0.0
             mass_change = 0.0
             momentum = velocity * 0.0  # relative to the particle's own velocity
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self._separation(i, j)
                 flux = (dt * self._weight(j, x_ij)) * self.pair_flux(i, j, x_ij)

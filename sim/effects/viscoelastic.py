@@ -94,7 +94,8 @@ class Viscoelastic(Effect):
         """Corrected velocity gradient (component, direction) within the own liquid, 1/s, and the correction L."""
         moments = self.particles.stress[i] * 0.0
         gradient = moments
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             j = self.pairs.index[k]
             if self.particles.phase[j] == self.particles.phase[i]:
                 x_ji = self.solver.search.separation(self.particles.position[j], self.particles.position[i])

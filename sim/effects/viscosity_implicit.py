@@ -19,6 +19,7 @@ from sim.effects.viscosity import Viscosity, ViscosityParameters
 from sim.effects.viscous_forms import FORMS
 from sim.fields import Field
 from sim.parameters import parameter
+from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real
 
 
@@ -55,7 +56,7 @@ class ViscosityImplicit(Effect):
         self.count = solver.count
         self.liquids = LiquidViscosity(solver)
         self.form = FORMS[parameters.form](solver, self.particles, self.liquids, parameters.wall == "no_slip")
-        self.product, self.product_2 = (ti.field(ti.f64, shape=solver.particles.capacity) for _ in range(2))
+        self.partial = partial_results(2)
         self.rho, self.norm, self.scale = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
 
@@ -84,36 +85,39 @@ class ViscosityImplicit(Effect):
 
     @ti.kernel
     def _start(self, dt: float):
-        for i in range(self.count[None]):
-            momentum = self.particles.mass[i] * self.particles.velocity[i]
-            self.particles.viscous_residual[i] = momentum - self._applied(self.particles.velocity, i, dt)
-            self.product[i] = ti.cast(momentum.norm_sqr(), ti.f64) / self.particles.mass[i]
-            self.particles.viscous_direction[i] = self.particles.velocity[i] * 0.0
+        n = self.count[None]
+        for block in range(blocks(n)):
+            scale = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                momentum = self.particles.mass[i] * self.particles.velocity[i]
+                self.particles.viscous_residual[i] = momentum - self._applied(self.particles.velocity, i, dt)
+                scale += ti.cast(momentum.norm_sqr(), ti.f64) / self.particles.mass[i]
+                self.particles.viscous_direction[i] = self.particles.velocity[i] * 0.0
+            self.partial[0, block] = scale
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.product[i]
-            self.scale[None] = total
+            self.scale[None] = total_of(self.partial, 0, n)
             self.rho[None] = 0.0
 
     @ti.kernel
     def _direct(self):
         """direction = residual / diagonal + beta direction; norm = |residual|^2 over mass."""
-        for i in range(self.count[None]):
-            r = ti.cast(self.particles.viscous_residual[i].norm_sqr(), ti.f64)
-            self.product[i] = r / self.particles.viscous_diagonal[i]
-            self.product_2[i] = r / self.particles.mass[i]
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             rho = ti.cast(0.0, ti.f64)
             norm = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                rho += self.product[i]
-                norm += self.product_2[i]
+            for i in range(first(block, n), last(block, n)):
+                r = ti.cast(self.particles.viscous_residual[i].norm_sqr(), ti.f64)
+                rho += r / self.particles.viscous_diagonal[i]
+                norm += r / self.particles.mass[i]
+            self.partial[0, block] = rho
+            self.partial[1, block] = norm
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            rho = total_of(self.partial, 0, n)
             self.beta[None] = ti.select(self.rho[None] > 0.0, rho / self.rho[None], 0.0)
             self.rho[None] = rho
-            self.norm[None] = norm
+            self.norm[None] = total_of(self.partial, 1, n)
         for i in range(self.count[None]):
             self.particles.viscous_direction[i] = (
                 self.particles.viscous_residual[i] / self.particles.viscous_diagonal[i]
@@ -121,15 +125,17 @@ class ViscosityImplicit(Effect):
 
     @ti.kernel
     def _advance(self, dt: float):
-        for i in range(self.count[None]):
-            image = self._applied(self.particles.viscous_direction, i, dt)
-            self.particles.viscous_image[i] = image
-            self.product[i] = ti.cast(image.dot(self.particles.viscous_direction[i]), ti.f64)
+        n = self.count[None]
+        for block in range(blocks(n)):
+            product = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                image = self._applied(self.particles.viscous_direction, i, dt)
+                self.particles.viscous_image[i] = image
+                product += ti.cast(image.dot(self.particles.viscous_direction[i]), ti.f64)
+            self.partial[0, block] = product
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.product[i]
+            total = total_of(self.partial, 0, n)
             self.alpha[None] = ti.select(total > 0.0, self.rho[None] / total, 0.0)
         for i in range(self.count[None]):
             alpha = self.alpha[None]

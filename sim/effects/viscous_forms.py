@@ -49,9 +49,6 @@ class ViscousForm(abc.ABC):
         self.pairs, self.wall_pairs, self.walls = solver.pairs, solver.wall_pairs, solver.walls
         self.kernel, self.search = solver.kernel, solver.search
 
-    def _vectors(self, rows):
-        return ti.Vector.field(self.dimension, real(), shape=max(rows.rows, 1) * rows.width, layout=ti.Layout.SOA)
-
     @abc.abstractmethod
     def assemble(self, dt: float) -> None:
         """Cache what depends on positions and viscosities, and set the diagonal of M + dt K."""
@@ -74,8 +71,8 @@ class CentralForm(ViscousForm):
         self.factor = 2.0 * (self.dimension + 2.0)
         self.share, self.shared = share, share is not None
         # sqrt(2(d+2) mu_ij V_i V_j |W'|/r) e_ij: the pair force is -s (s.v_ij).
-        self.pair_vector = self._vectors(self.pairs)
-        self.wall_vector = self._vectors(self.wall_pairs)
+        self.pair_vector = self.pairs.per_entry(self.dimension)
+        self.wall_vector = self.wall_pairs.per_entry(self.dimension)
 
     @ti.func
     def _pair(self, mu, volumes, x):
@@ -96,7 +93,8 @@ class CentralForm(ViscousForm):
         for i in range(self.count[None]):
             x, mu, volume = self.particles.position[i], self.particles.dynamic_viscosity[i], self.particles.volume[i]
             trace = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.particles.position[j])
                 s = self._pair(self._viscosity(i, j), volume * self.particles.volume[j], x_ij)
@@ -106,7 +104,8 @@ class CentralForm(ViscousForm):
                 depth = self.liquids.depth(i)
                 if ti.static(self.shared):
                     mu *= 1.0 - self.share[i]
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     beta = self.liquids.wall_factor(depth, b)
                     x_ib = self.search.separation(x, self.walls.position[b])
@@ -118,11 +117,13 @@ class CentralForm(ViscousForm):
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
         v_i = v[i]
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             s = self.pair_vector[k]
             total += (dt * s.dot(v_i - v[self.pairs.index[k]])) * s
         if ti.static(self.no_slip):
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 s = self.wall_vector[k]
                 total += (dt * s.dot(v_i)) * s
         return total
@@ -134,7 +135,7 @@ class LaplacianForm(ViscousForm):
 
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
-        self.pair_coefficient = ti.field(real(), shape=self.pairs.rows * self.pairs.width)  # force over v_ij, kg/s
+        self.pair_coefficient = self.pairs.per_entry()  # force over v_ij, kg/s
         self.wall_coefficient = ti.field(real(), shape=self.pairs.rows)  # friction over v_i, kg/s
 
     @ti.func
@@ -147,7 +148,8 @@ class LaplacianForm(ViscousForm):
             x, mu, volume = self.particles.position[i], self.particles.dynamic_viscosity[i], self.particles.volume[i]
             trace = 0.0
             friction = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.particles.position[j])
                 mean = harmonic_mean(mu, self.particles.dynamic_viscosity[j])
@@ -156,7 +158,8 @@ class LaplacianForm(ViscousForm):
                 trace += c
             if ti.static(self.no_slip):
                 depth = self.liquids.depth(i)
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     beta = self.liquids.wall_factor(depth, b)
                     x_ib = self.search.separation(x, self.walls.position[b])
@@ -168,7 +171,8 @@ class LaplacianForm(ViscousForm):
     def added(self, total, v: ti.template(), i, dt):
         v_i = v[i]
         total += (dt * self.wall_coefficient[i]) * v_i
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             total += (dt * self.pair_coefficient[k]) * (v_i - v[self.pairs.index[k]])
         return total
 
@@ -191,7 +195,7 @@ class StrainForm(ViscousForm):
         self.stress = ti.Matrix.field(d, d, real(), shape=capacity)  # T_i, Pa
         self.wall_sum = ti.Vector.field(d, real(), shape=capacity)  # w_i, 1/m
         self.gradient_sum = ti.Vector.field(d, real(), shape=capacity)  # w_i + sum of G_ij, 1/m
-        self.alike = ti.field(ti.i8, shape=capacity * self.pairs.width)
+        self.alike = self.pairs.per_entry(kind=ti.i8)
         self.central = CentralForm(solver, particles, liquids, no_slip, self.share)
 
     def assemble(self, dt: float) -> None:
@@ -204,7 +208,8 @@ class StrainForm(ViscousForm):
         for i in range(self.count[None]):
             x, mu = self.particles.position[i], self.particles.dynamic_viscosity[i]
             moment = 0.0 * x.outer_product(x)
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 self.alike[k] = ti.cast(alike(mu, self.particles.dynamic_viscosity[j]), ti.i8)
                 if self.alike[k] != 0:
@@ -213,7 +218,8 @@ class StrainForm(ViscousForm):
             wall_sum = x * 0.0
             if ti.static(self.no_slip):
                 depth = self.liquids.depth(i)
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     x_ib = self.search.separation(x, self.walls.position[b])
                     moment -= self.wall_pairs.gradient[k].outer_product(x_ib)
@@ -237,7 +243,8 @@ class StrainForm(ViscousForm):
         for i in range(self.count[None]):
             total = self.wall_sum[i]
             trace = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 if self.alike[k] != 0:
                     j = self.pairs.index[k]
                     total += self.pairs.gradient[k]
@@ -254,7 +261,8 @@ class StrainForm(ViscousForm):
         for i in range(self.count[None]):
             v_i = v[i]
             gradient = -v_i.outer_product(self.wall_sum[i])
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 if self.alike[k] != 0:
                     gradient += (v[self.pairs.index[k]] - v_i).outer_product(self.pairs.gradient[k])
             correction = self.correction[i]
@@ -266,7 +274,8 @@ class StrainForm(ViscousForm):
     def added(self, total, v: ti.template(), i, dt):
         total = self.central.added(total, v, i, dt)
         force = self.stress[i] @ self.gradient_sum[i]
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             if self.alike[k] != 0:
                 force += self.stress[self.pairs.index[k]] @ self.pairs.gradient[k]
         return total - dt * self.particles.volume[i] * force

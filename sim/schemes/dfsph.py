@@ -17,6 +17,7 @@ import taichi as ti
 from sim.boundary import WallStop
 from sim.fields import Field
 from sim.parameters import parameter
+from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
 from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
@@ -25,7 +26,6 @@ FEWEST_NEIGHBORS = {2: 7, 3: 20}  # with fewer, the divergence of a particle is 
 POWER_ITERATIONS = 60  # for the largest eigenvalue at the start, which sets the relaxation
 RELAXATION = 1.6  # over the largest eigenvalue; 2 is the limit of stability
 DIVERGENCE_WARM_START = 0.5  # the divergence of one step says little about that of the next
-BLOCK = 32  # particles per partial sum of the residuals
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +81,7 @@ class DFSPH(Scheme):
         self.masses_change = "volume_fraction" in solver.particles.arrays
         self.fewest_neighbors = FEWEST_NEIGHBORS[solver.dimension]
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
-        blocks = solver.particles.capacity // BLOCK + 1
-        self.block_sum, self.block_largest = (ti.field(ti.f64, shape=blocks) for _ in range(2))
+        self.partial = partial_results(2)
         self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(2))
         self.relaxation = ti.field(real(), shape=())
 
@@ -98,7 +97,8 @@ class DFSPH(Scheme):
             density = own * compression
             gradient = self.velocity[i] * 0.0
             spread = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 other = self.density_weight[j]
                 compression += self.pairs.weight[k]
@@ -107,7 +107,8 @@ class DFSPH(Scheme):
                 spread += other / self.volume[j] * self.pairs.gradient[k].norm_sqr()
             wall = 0.0
             wall_gradient = self.velocity[i] * 0.0
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 wall += self.wall_pairs.weight[k]
                 wall_gradient += self.wall_pairs.gradient[k]
             gradient += own * wall_gradient
@@ -127,7 +128,8 @@ class DFSPH(Scheme):
     def _acceleration(self, kappa: ti.template(), i):
         """Acceleration of i by the pressure; `kappa_weighted` must be up to date."""
         total = kappa[i] * self.density_gradient_sum[i]
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             total += self.kappa_weighted[self.pairs.index[k]] * self.pairs.gradient[k]
         return -total
 
@@ -135,7 +137,8 @@ class DFSPH(Scheme):
     def _density_rate(self, v: ti.template(), i):
         """D rho/Dt of i for velocities (or accelerations) v; `weighted` must hold their products with the weights."""
         total = v[i].dot(self.density_gradient_sum[i])
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             total -= self.weighted[self.pairs.index[k]].dot(self.pairs.gradient[k])
         return total
 
@@ -175,23 +178,18 @@ class DFSPH(Scheme):
             error = ti.max(compression, ti.select(now > 0.0, -compression, 0.0))
             self.residual[i] = error * self.volume[i] / self.mass[i]
         n = self.count[None]
-        for b in range((n + BLOCK - 1) // BLOCK):
+        for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
-            for i in range(b * BLOCK, ti.min((b + 1) * BLOCK, n)):
+            for i in range(first(block, n), last(block, n)):
                 total += self.residual[i]
                 largest = ti.max(largest, ti.cast(self.residual[i], ti.f64))
-            self.block_sum[b] = total
-            self.block_largest[b] = largest
+            self.partial[0, block] = total
+            self.partial[1, block] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            largest = ti.cast(0.0, ti.f64)
-            for b in range((n + BLOCK - 1) // BLOCK):
-                total += self.block_sum[b]
-                largest = ti.max(largest, self.block_largest[b])
-            self.residual_mean[None] = total / n
-            self.residual_maximum[None] = largest
+            self.residual_mean[None] = total_of(self.partial, 0, n) / n
+            self.residual_maximum[None] = largest_of(self.partial, 1, n)
 
     @ti.kernel
     def _accelerate_by_pressure(self, kappa: ti.template(), dt: float):
@@ -236,17 +234,20 @@ class DFSPH(Scheme):
             a = self._acceleration(self.density_kappa, i)
             self.pressure_acceleration[i] = a
             self.weighted[i] = self.density_weight[i] * a
-        for i in range(self.count[None]):
-            self.residual[i] = -self._density_rate(self.pressure_acceleration, i) / ti.max(self.diagonal[i], 1e-30)
-        above = ti.cast(0.0, ti.f64)
-        below = ti.cast(0.0, ti.f64)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            for i in range(self.count[None]):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            above = ti.cast(0.0, ti.f64)
+            below = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                self.residual[i] = -self._density_rate(self.pressure_acceleration, i) / ti.max(self.diagonal[i], 1e-30)
                 weight = ti.cast(self.diagonal[i], ti.f64) * self.mass[i]
                 above += weight * self.density_kappa[i] * self.residual[i]
                 below += weight * self.density_kappa[i] ** 2
-            self.residual_mean[None] = above / ti.max(below, 1e-300)
+            self.partial[0, block] = above
+            self.partial[1, block] = below
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.residual_mean[None] = total_of(self.partial, 0, n) / ti.max(total_of(self.partial, 1, n), 1e-300)
         for i in range(self.count[None]):
             self.density_kappa[i] = self.residual[i] / self.residual_mean[None]
             self.kappa_weighted[i] = self.density_kappa[i] * self.density_weight[i]

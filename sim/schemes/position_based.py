@@ -29,6 +29,7 @@ import taichi as ti
 from sim.boundary import WALL_CLEARANCE
 from sim.fields import Field
 from sim.parameters import parameter
+from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
@@ -101,6 +102,7 @@ class PositionBased(Scheme):
         self.softening = chosen.softness * squares  # 1/m^2
         self.omega = chosen.relaxation * 2.0 / eigenvalue
         self.rest = ti.field(real(), shape=())  # Gamma_0
+        self.partial = partial_results(3)
         self.rest[None] = PAPER_DENSITY
         if chosen.rest_density == "lattice":
             self.rest[None] = lattice_sum(self.kernel, solver.rest_volume ** (1.0 / self.dimension), self.dimension)
@@ -135,20 +137,25 @@ class PositionBased(Scheme):
     def _measure(self):
         for i in range(self.count[None]):
             total = self.volume[i] * self.kernel.at_zero
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 total += self.pairs.weight[k]
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 total += self.wall_pairs.weight[k]
             self.compression_rate[i] = total
 
     @ti.kernel
     def _set_rest_to_mean(self):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                total += self.compression_rate[i]
+            self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.compression_rate[i]
-            self.rest[None] = total / self.count[None]
+            self.rest[None] = total_of(self.partial, 0, n) / n
 
     def measure(self) -> None:
         """Compression rates; a full cavity cannot be less dense than it is on average."""
@@ -202,7 +209,8 @@ class PositionBased(Scheme):
             total = self.volume[i] * self.kernel.at_zero
             slope = x * 0.0
             squares = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.predicted_position[j])
                 r = x_ij.norm()
@@ -211,7 +219,8 @@ class PositionBased(Scheme):
                 slope += gradient
                 squares += gradient.norm_sqr() / self.mass[j]
             if ti.static(not self.clamps):
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     x_ib = self.search.separation(x, self.walls.position[b])
                     r = x_ib.norm()
@@ -240,14 +249,16 @@ class PositionBased(Scheme):
             for b in range(self.walls.count):
                 total = 0.0
                 weight = 0.0
-                for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                for slot in range(self.wall_rows.count[b]):
+                    k = self.wall_rows.entry(b, slot)
                     total += self.wall_rows.weight[k] * self.multiplier[self.wall_rows.index[k]]
                     weight += self.wall_rows.weight[k]
                 self.wall_multiplier[b] = ti.select(weight > 0.0, total / ti.max(weight, 1e-20), 0.0)
         for i in range(self.count[None]):
             x, own = self.predicted_position[i], self.multiplier[i]
             total = x * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.predicted_position[j])
                 r = x_ij.norm()
@@ -256,7 +267,8 @@ class PositionBased(Scheme):
                     both += self._artificial_pressure(i, j, r)
                 total += (both * self.volume[j] * self.kernel.gradient_factor(r)) * x_ij
             if ti.static(not self.clamps):
-                for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+                for slot in range(self.wall_pairs.count[i]):
+                    k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     x_ib = self.search.separation(x, self.walls.position[b])
                     both = own + self.wall_multiplier[b]
@@ -287,21 +299,26 @@ class PositionBased(Scheme):
     @ti.kernel
     def _finish(self, dt: float):
         """Velocity and pressure of the step, and its statistics."""
-        for i in range(self.count[None]):
-            self.velocity[i] = self.displacement[i] / dt
-            self.pressure[i] = self.multiplier_sum[i] / (dt * dt)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
             contacts = 0
-            for i in range(self.count[None]):
-                total += ti.abs(self.violation[i])
-                largest = ti.max(largest, ti.abs(self.violation[i]))
+            for i in range(first(block, n), last(block, n)):
+                self.velocity[i] = self.displacement[i] / dt
+                self.pressure[i] = self.multiplier_sum[i] / (dt * dt)
+                violation = ti.cast(ti.abs(self.violation[i]), ti.f64)
+                total += violation
+                largest = ti.max(largest, violation)
                 contacts += self.contact[i]
-            self.residual_mean[None] = total / self.count[None]
-            self.residual_maximum[None] = largest
-            self.contacts[None] = contacts
+            self.partial[0, block] = total
+            self.partial[1, block] = largest
+            self.partial[2, block] = contacts
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.residual_mean[None] = total_of(self.partial, 0, n) / n
+            self.residual_maximum[None] = largest_of(self.partial, 1, n)
+            self.contacts[None] = ti.cast(total_of(self.partial, 2, n), ti.i32)
 
     @ti.kernel
     def _smooth_velocity(self):
@@ -309,7 +326,8 @@ class PositionBased(Scheme):
         for i in range(self.count[None]):
             x, v, mass, volume = self.predicted_position[i], self.velocity[i], self.mass[i], self.volume[i]
             change = v * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 share = (volume + self.volume[j]) * self.mass[j] / (mass + self.mass[j])
                 weight = self.kernel.value(self.search.separation(x, self.predicted_position[j]).norm())
@@ -331,7 +349,8 @@ class PositionBased(Scheme):
         """a_i = strength dx N x omega with N = grad|omega| over its length (Fedkiw et al. 2001)."""
         for i in range(self.count[None]):
             x, total = self.predicted_position[i], ti.Vector([0.0, 0.0, 0.0])
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.predicted_position[j])
                 gradient = (self.volume[j] * self.kernel.gradient_factor(x_ij.norm())) * x_ij
@@ -340,7 +359,8 @@ class PositionBased(Scheme):
         for i in range(self.count[None]):
             x, own = self.predicted_position[i], self.vorticity[i].norm()
             slope = x * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.predicted_position[j])
                 factor = self.volume[j] * self.kernel.gradient_factor(x_ij.norm())

@@ -78,10 +78,12 @@ class Scheme(abc.ABC):
         """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall."""
         total = self.volume[i] * self.search.kernel.at_zero
         gradient = self.velocity[i] * 0.0
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             total += self.pairs.weight[k]
             gradient += self.pairs.gradient[k]
-        for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+        for slot in range(self.wall_pairs.count[i]):
+            k = self.wall_pairs.entry(i, slot)
             total += self.wall_pairs.weight[k]
             gradient += self.wall_pairs.gradient[k]
         return total, gradient

@@ -11,6 +11,7 @@ from sim.boundary import WallStop
 from sim.fields import Field
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import ConjugateResiduals
+from sim.reductions import blocks, first, last, least_of, partial_results, total_of
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
@@ -53,6 +54,7 @@ class VolumeIncompressible(Scheme):
         self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
+        self.partial = partial_results(2)
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
@@ -66,21 +68,24 @@ class VolumeIncompressible(Scheme):
 
     @ti.kernel
     def _measure(self):
-        for i in range(self.count[None]):
-            total, gradient = self.kernel_sums(i)
-            self.compression_rate[i] = total
-            self.kernel_gradient_sum[i] = gradient
+        n = self.count[None]
+        for block in range(blocks(n)):
+            mean = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                total, gradient = self.kernel_sums(i)
+                self.compression_rate[i] = total
+                self.kernel_gradient_sum[i] = gradient
+                mean += total
+            self.partial[0, block] = mean
         for b in range(self.walls.count):
             total = 0.0
-            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+            for slot in range(self.wall_rows.count[b]):
+                k = self.wall_rows.entry(b, slot)
                 total += self.wall_rows.weight[k]
             self.wall_compression[b] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
-                total += self.compression_rate[i]
-            self.compression_mean[None] = total / self.count[None]
+            self.compression_mean[None] = total_of(self.partial, 0, n) / n
 
     def measure(self) -> None:
         """Compression rates, gradient sums and wall weights of the current neighbor rows."""
@@ -111,7 +116,8 @@ class VolumeIncompressible(Scheme):
             rate = self.operators.wall_rate(self.velocity, b)
             if ti.static(self.volumes_change):
                 total = 0.0
-                for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+                for slot in range(self.wall_rows.count[b]):
+                    k = self.wall_rows.entry(b, slot)
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
                 rate += self.operators.over_wall_weight(b, total)
@@ -120,7 +126,8 @@ class VolumeIncompressible(Scheme):
             rate = self.operators.volume_rate(self.velocity, i)
             if ti.static(self.volumes_change):
                 total = self.volume_rate[i] * self.search.kernel.at_zero
-                for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+                for slot in range(self.pairs.count[i]):
+                    k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
                 rate += self.volume[i] * total
@@ -134,16 +141,20 @@ class VolumeIncompressible(Scheme):
         above zero it heats the liquid. The limit is the weight that presses on a liquid at rest: lifting the low
         pressure in an eddy too would brake it (a vortex at Re 100 then decays 35 % too fast).
         """
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        n = self.count[None]
+        for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
-            least = 1e30
-            for i in range(self.count[None]):
+            least = ti.cast(1e30, ti.f64)
+            for i in range(first(block, n), last(block, n)):
                 total += self.pressure[i]
                 if self.volume[i] > 0.5 * self.solver.rest_volume:  # small particles are outliers
-                    least = ti.min(least, self.pressure[i])
-            mean = total / self.count[None]
-            self.gauge[None] = ti.min(mean - least, limit) - mean
+                    least = ti.min(least, ti.cast(self.pressure[i], ti.f64))
+            self.partial[0, block] = total
+            self.partial[1, block] = least
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            mean = total_of(self.partial, 0, n) / n
+            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean
         for i in range(self.count[None]):
             self.pressure[i] += self.gauge[None]
 
@@ -184,7 +195,8 @@ class VolumeIncompressible(Scheme):
         A kernel gradient that falls to zero at r = 0 does not part such a pair.
         """
         total = self.position[i] * 0.0
-        for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
             j = self.pairs.index[k]
             x_ij = self.search.separation(self.position[i], self.position[j])
             missing = SEPARATION * self.spacing - x_ij.norm()

@@ -129,11 +129,13 @@ class WCSPH(Scheme):
             total = self.volume[i] * self.search.kernel.at_zero
             gradient = self.velocity[i] * 0.0
             divergence = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 total += self.pairs.weight[k]
                 gradient += self.pairs.gradient[k]
                 divergence -= self.velocity[self.pairs.index[k]].dot(self.pairs.gradient[k])
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 total += self.wall_pairs.weight[k]
                 gradient += self.wall_pairs.gradient[k]
             self.compression_rate[i] = total
@@ -181,7 +183,8 @@ class WCSPH(Scheme):
         for b in range(self.walls.count):
             total = 0.0
             weight = 0.0
-            for k in range(b * self.wall_rows.width, b * self.wall_rows.width + self.wall_rows.count[b]):
+            for slot in range(self.wall_rows.count[b]):
+                k = self.wall_rows.entry(b, slot)
                 j = self.wall_rows.index[k]
                 away = self.search.separation(self.walls.position[b], self.position[j])
                 total += self.wall_rows.weight[k] * (
@@ -196,14 +199,16 @@ class WCSPH(Scheme):
             p = self.pressure[i]
             x, v, density = self.position[i], self.velocity[i], self._rest_density(i)
             force = self.velocity[i] * 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.position[j])
                 approach = ti.min((v - self.velocity[j]).dot(x_ij), 0.0) / ti.max(
                     x_ij.norm_sqr(), 1e-12 * self.spacing**2)
                 viscous = 0.5 * damping * (density + self._rest_density(j)) * approach
                 force -= (p + self.pressure[j] - viscous) * self.pairs.gradient[k]
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 force -= (p + self.wall_pressure[self.wall_pairs.index[k]]) * self.wall_pairs.gradient[k]
             self.pressure_acceleration[i] = force / density
         for i in range(self.count[None]):
@@ -218,7 +223,8 @@ class WCSPH(Scheme):
             x, v, density = self.position[i], self.velocity[i], self._rest_density(i)
             rate = 0.0
             flux = 0.0
-            for k in range(i * self.pairs.width, i * self.pairs.width + self.pairs.count[i]):
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 x_ij = self.search.separation(x, self.position[j])
                 gradient = self.pairs.gradient[k]
@@ -229,7 +235,8 @@ class WCSPH(Scheme):
                 difference = c2 * (density_j * (self.density_ratio[j] - 1.0)
                                    - density * (self.density_ratio[i] - 1.0)) + weight
                 flux -= difference * x_ij.dot(gradient) / ti.max(x_ij.norm_sqr(), 1e-12 * self.spacing**2)
-            for k in range(i * self.wall_pairs.width, i * self.wall_pairs.width + self.wall_pairs.count[i]):
+            for slot in range(self.wall_pairs.count[i]):
+                k = self.wall_pairs.entry(i, slot)
                 rate += v.dot(self.wall_pairs.gradient[k])
             self.density_ratio_rate[i] = rate + diffusion * flux / (density * c2)
         for i in range(self.count[None]):
