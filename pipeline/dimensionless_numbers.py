@@ -16,7 +16,6 @@ import numpy as np
 
 from pipeline.scene_model import Scene
 from sim.effects.gravity import POSTURES
-from sim.effects.injection import FEWEST, STEPS_TO_DOUBLE
 from sim.settings import Liquid
 
 EARTH_GRAVITY = 9.81  # m/s2, where a scene has no gravity of its own
@@ -155,11 +154,8 @@ class Scales:
         return min(impulse, self.buoyant_speed(peak)) if self.scene.closed else impulse
 
     def _jet_speed(self) -> float:
-        # As many particles grow at the cannula as `Injection` lets grow; they form a droplet there.
         injection, dimension = self.scene.effects["injection"], self.scene.dimension
-        rest_volume = self.spacing**dimension
-        per_step = injection.flow * self.scene.numerics.maximum_time_step / rest_volume
-        volume = max(FEWEST, math.ceil(STEPS_TO_DOUBLE * per_step)) * rest_volume
+        volume = injection.region_volume(self.spacing**dimension, dimension, self.scene.numerics.maximum_time_step)
         return injection.flow * self._radius(volume) / (dimension * volume)
 
     @property

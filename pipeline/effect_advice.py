@@ -301,7 +301,7 @@ def _injection(scales: Scales, limits: list[Limit]) -> Found:
     injection = scales.scene.effects.get("injection")
     if not injection:
         return
-    end = injection.start + scales.injected_volume / injection.flow
+    end = injection.time_of(scales.injected_volume)
     if end > scales.duration:
         but = f", but the scene ends at {shown(scales.duration, 's')}"
         if scales.scene.start_from is None:

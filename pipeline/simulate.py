@@ -203,8 +203,8 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
 
     Returns
     -------
-    The solver at the end, and the times of its parts after the steps of the warm-up (`sim.costs.times`); those are empty
-    if there were no more steps.
+    The solver at the end, and the times of its parts after the steps of the warm-up (`sim.costs.times`), empty if there
+    were no more steps.
 
     Raises
     ------

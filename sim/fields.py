@@ -7,6 +7,8 @@ import taichi as ti
 from sim.errors import OutOfRoom
 from sim.runtime import real
 
+COPIED_AT_ONCE = 1024  # rows
+
 
 @dataclasses.dataclass(frozen=True)
 class Field:
@@ -74,6 +76,7 @@ class ParticleStore:
         self.arrays = {name: allocate(f, capacity, dimension, liquids) for name, f in self.declared.items()}
         self.count = ti.field(ti.i32, shape=())
         self.order = ti.field(ti.i32, shape=capacity)
+        self.source, self.target = (ti.field(ti.i32, shape=COPIED_AT_ONCE) for _ in range(2))
         self.carried = [self.arrays[f.name] for f in self.declared.values() if f.carried]
         buffers = {kind: allocate(Field("buffer", kind, "", ""), capacity, dimension, liquids)
                    for kind in {f.kind for f in self.declared.values() if f.carried}}
@@ -111,25 +114,35 @@ class ParticleStore:
             self._copy(buffer, array)
 
     @ti.kernel
-    def _copy_row(self, array: ti.template(), source: int, target: int):
-        array[target] = array[source]
+    def _copy_rows(self, array: ti.template(), number: int):
+        for k in range(number):
+            array[self.target[k]] = array[self.source[k]]
 
-    def append(self, values: dict) -> int:
-        """Add one particle with the given carried fields, zero in the others; return its row.
+    def _copy_all(self, source: np.ndarray, target: np.ndarray) -> None:
+        """Copy the carried fields of some rows, in any number, to others; a row may not be both."""
+        for start in range(0, len(source), COPIED_AT_ONCE):
+            number = min(COPIED_AT_ONCE, len(source) - start)
+            for field, rows in ((self.source, source), (self.target, target)):
+                padded = np.zeros(COPIED_AT_ONCE, np.int32)
+                padded[:number] = rows[start : start + number]
+                field.from_numpy(padded)
+            for array in self.carried:
+                self._copy_rows(array, number)
+
+    def duplicate(self, rows: np.ndarray) -> int:
+        """Add a copy, in its carried fields, of every given particle; return the row of the first one.
 
         Raises
         ------
         OutOfRoom
             When the capacity is reached.
         """
-        row = self.count[None]
-        if row >= self.capacity:
-            raise OutOfRoom(f"{row} particles fill the store; more were to be added")
-        zero = {f.name: 0 if f.kind in ("scalar", "integer") else np.zeros(self.arrays[f.name][0].to_numpy().shape)
-                for f in self.declared.values() if f.carried}
-        self.set_row(row, zero | values)
-        self.count[None] = row + 1
-        return row
+        count = self.count[None]
+        if count + len(rows) > self.capacity:
+            raise OutOfRoom(f"there are {count + len(rows)} particles where {self.capacity} fit")
+        self._copy_all(rows, count + np.arange(len(rows)))
+        self.count[None] = count + len(rows)
+        return count
 
     def set_row(self, row: int, values: dict) -> None:
         """Set some fields of one particle."""
@@ -137,14 +150,12 @@ class ParticleStore:
             make = (lambda value: value, ti.Vector, ti.Matrix)[np.ndim(value)]
             self.arrays[name][row] = make(np.asarray(value, float).tolist() if np.ndim(value) else value)
 
-    def remove(self, rows) -> None:
+    def remove(self, rows: np.ndarray) -> None:
         """Remove particles; the last ones take their rows."""
-        for row in sorted((int(r) for r in rows), reverse=True):
-            last = self.count[None] - 1
-            if row != last:
-                for array in self.carried:
-                    self._copy_row(array, last, row)
-            self.count[None] = last
+        count = self.count[None] - len(rows)
+        last = np.arange(count, count + len(rows))
+        self._copy_all(np.setdiff1d(last, rows), np.sort(rows[rows < count]))
+        self.count[None] = count
 
     def to_numpy(self, name: str) -> np.ndarray:
         """Return the entries in use of one field."""

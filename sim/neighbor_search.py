@@ -31,7 +31,7 @@ class NeighborSearch:
 
     Parameters
     ----------
-    particles : store with carried fields `position` and `volume`.
+    particles : store with carried fields `id`, `position` and `volume`.
     wall_arrays : position (m, dimension), volume (m,) and depth (m,) of the wall particles, any order.
     kernel : smoothing kernel.
     lower, upper : (dimension,) corners of the box that contains every wall and liquid particle, m.
@@ -47,7 +47,7 @@ class NeighborSearch:
     def __init__(self, particles: ParticleStore, wall_arrays, kernel, lower, upper, particle_spacing: float,
                  head_room: float = HEAD_ROOM, periods=()):
         self.particles = particles
-        self.position = particles.arrays["position"]
+        self.id, self.position = particles.arrays["id"], particles.arrays["position"]
         self.volume = particles.arrays["volume"]
         self.kernel = kernel
         self.dimension = particles.dimension
@@ -137,7 +137,10 @@ class NeighborSearch:
 
     @ti.kernel
     def _counting_sort(self):
-        """Order of the particles by cell, within a cell as before: it does not depend on the number of threads."""
+        """Order of the particles by cell, within a cell by id.
+
+        It depends neither on the number of threads nor on what was before: a run that is restarted has the same.
+        """
         n = self.particles.count[None]
         for c in range(self.cells + 1):
             self.cell_fill[c] = 0
@@ -167,7 +170,7 @@ class NeighborSearch:
             for k in range(self.cell_start[c] + 1, self.cell_start[c + 1]):
                 i = self.particles.order[k]
                 place = k
-                while place > self.cell_start[c] and self.particles.order[place - 1] > i:
+                while place > self.cell_start[c] and self.id[self.particles.order[place - 1]] > self.id[i]:
                     self.particles.order[place] = self.particles.order[place - 1]
                     place -= 1
                 self.particles.order[place] = i

@@ -52,7 +52,7 @@ class Solver:
     sdf_values, sdf_origin, sdf_cell : signed distance of the cavity, negative inside.
     cavity_volume : m^3 (m^2 in 2D).
     fluid_velocity : (n, d), m/s; at rest without it.
-    head_room : neighbors that fit, over those at rest density everywhere; particles and points of the interface with it.
+    head_room : neighbors that fit, over those at rest density everywhere; other arrays grow with it.
     """
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,

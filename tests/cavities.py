@@ -93,7 +93,7 @@ def injected(arrays, precision: str, more=(), **changes) -> Solver:
     """Return a cavity full of aqueous into which oil flows, with more effects."""
     volume = float(arrays["cavity_volume"])
     values = {"liquid": "oil", "drained_liquid": "aqueous", "flow": 2.0 * volume, "fill": 0.25,
-              "cannula": (0.0, 4e-3, 0.0), "drain": (0.0, -9e-3, 0.0)} | changes
+              "cannula": (0.0, 4e-3, 0.0), "drain": (0.0, -9e-3, 0.0), "ramp": 0.01} | changes
     effects = (parameters("injection", **values), parameters("viscosity_implicit"), *more)
     return build(arrays, effects=effects, phase=lambda x: np.zeros(len(x)), precision=precision,
                  maximum_time_step=1e-3)

@@ -158,7 +158,7 @@ def test_particles_that_left_the_grid_still_find_each_other():
 
 def test_rows_have_no_gaps_and_know_who_has_neighbors():
     fluid, walls = cloud(2, 12e-3)
-    particles, search = searched(fluid, walls, head_room=3.0)
+    _, search = searched(fluid, walls, head_room=3.0)
     for rows, n in ((search.pairs, len(fluid)), (search.wall_pairs, len(fluid)), (search.wall_rows, len(walls))):
         count, start = rows.count.to_numpy()[:n], rows.start.to_numpy()[:n]
         # Pairs at the very rim of the support radius are counted with some slack.

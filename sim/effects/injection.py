@@ -1,10 +1,14 @@
 """Injection of a liquid through a cannula while another leaves through a drain at the same rate.
 
-Particles of the entering liquid grow at the cannula and split; particles of the leaving liquid shrink at the drain and
-merge. The pressure solve gets the matching source sum_j (dV_j/dt) W_ij. What is added in a step is exactly what is
-taken, so the cavity stays full. Volumes stay within a factor of about two: a particle far below the rest volume has a
-volume equation that hardly acts on others and makes pressures run away, and moving whole particles from the drain to
-the cannula tears the packing.
+Particles of the entering liquid grow around the tip of the cannula and split; particles of the leaving liquid shrink
+around the mouth of the drain and merge. The pressure solve gets the matching source sum_j (dV_j/dt) W_ij. What is added
+in a step is exactly what is taken, so the cavity stays full. Volumes stay within a factor of about two: a particle far
+below the rest volume has a volume equation that hardly acts on others and makes pressures run away, and moving whole
+particles from the drain to the cannula tears the packing.
+
+The region in which particles grow or shrink is a ball of a given radius, whatever the spacing; it is wider only where
+it would hold too few particles, or where they would double in too few steps. Nothing here depends on the order in which
+particles lie in memory.
 """
 import dataclasses
 import math
@@ -16,13 +20,19 @@ from sim.effects.effect import Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.parameters import parameter
+from sim.reductions import blocks, first, last, partial_results, running_total, total_of
+from sim.runtime import real, real_numpy
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
 FEWEST = 24  # particles that grow, and shrink, at a time
 LARGEST, SMALLEST = 2.0, 0.5  # volumes at which a particle splits and wants to merge, in rest volumes
 SPLIT_DISTANCE = 0.4  # distance of the two halves from the place of the whole, in particle spacings
 DIRECTIONS = 24  # random directions, of which the one with most room is taken
+NEAR = 1.5  # reach of a split and of a merger, in particle spacings: well inside neighbor rows that are a step old
 FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
+BINS_PER_SPACING = 4  # shells around cannula and drain in which particles are counted
+MOST_CHANGES = 4096  # particles that split, or merge, in one step
+CANNULA, DRAIN, DROPLET = range(3)  # entering liquid at the cannula, leaving liquid at the drain and at the cannula
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +47,26 @@ class InjectionParameters:
     cannula: tuple[float, float, float] = parameter(unit="m", meaning="tip of the cannula")
     drain: tuple[float, float, float] = parameter(unit="m", meaning="mouth of the drain")
     start: float = parameter(0.0, unit="s", minimum=0.0, meaning="time at which the injection begins")
+    ramp: float = parameter(0.05, unit="s", minimum=0.0, meaning="time in which the flow rises to its full value")
+    radius: float = parameter(1.5e-3, unit="m", exclusive_minimum=0.0, maximum=1e-2,
+                              meaning="radius around cannula and drain in which liquid enters and leaves, at least")
+
+    def flowed(self, time: float) -> float:
+        """Volume that has flowed until a time, m^3."""
+        since = max(0.0, time - self.start)
+        rising = min(since, self.ramp)
+        return self.flow * (0.5 * rising**2 / self.ramp if self.ramp else 0.0) + self.flow * (since - rising)
+
+    def time_of(self, volume: float) -> float:
+        """Time at which a volume, m^3, has flowed, s."""
+        rising = 0.5 * self.flow * self.ramp
+        return self.start + (math.sqrt(2.0 * volume * self.ramp / self.flow) if volume < rising
+                             else 0.5 * self.ramp + volume / self.flow)
+
+    def region_volume(self, rest_volume: float, dimension: int, time_step: float) -> float:
+        """Volume of the region in which liquid enters, m^3 (m^2 in 2D)."""
+        ball = (math.pi * self.radius**2 if dimension == 2 else 4.0 / 3.0 * math.pi * self.radius**3)
+        return max(FEWEST * rest_volume, ball, STEPS_TO_DOUBLE * self.flow * time_step)
 
 
 @ti.data_oriented
@@ -48,25 +78,40 @@ class Injection(Effect):
 
     name = "injection"
     Parameters = InjectionParameters
-    fields = (Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),)
+    fields = (
+        Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),
+        Field("merged", "integer", "", "1 for a particle that has gone into another one in this step"),
+    )
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
     periodic = False
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
+        self.store, self.pairs, self.distance = solver.particles, solver.pairs, solver.distance
+        self.dimension, self.rest_volume, self.spacing = solver.dimension, solver.rest_volume, solver.spacing
+        self.count = solver.count
         names = [liquid.name for liquid in solver.liquids]
         self.entering, self.leaving = names.index(parameters.liquid), names.index(parameters.drained_liquid)
         self.density = [liquid.density for liquid in solver.liquids]
-        self.cannula = np.array(parameters.cannula[: solver.dimension])
-        self.drain = np.array(parameters.drain[: solver.dimension])
-        self.rest_volume, self.spacing, self.count = solver.rest_volume, solver.spacing, solver.count
-        per_step = parameters.flow * solver.settings.numerics.maximum_time_step / self.rest_volume
-        self.number = max(FEWEST, math.ceil(STEPS_TO_DOUBLE * per_step))
         self.target = parameters.fill * solver.cavity_volume
         self.fractions = solver.particles.arrays.get("volume_fraction")  # where another effect mixes the liquids
         self.mixes = self.fractions is not None
         self.volume_before = math.nan  # volume of the entering liquid when the flow begins, m^3
         self.finished = False
+        self.liquid_of = (self.entering, self.leaving, self.leaving)
+        points = [parameters.cannula, parameters.drain, parameters.cannula]
+        self.point = [ti.Vector([float(v) for v in point[: self.dimension]]) for point in points]
+        extent = float(np.linalg.norm((np.array(self.distance.shape) - 1) * self.distance.cell))
+        self.bin_width = self.spacing / BINS_PER_SPACING
+        self.bins = math.ceil(extent / self.bin_width) + 1
+        self.histogram = ti.field(ti.i32, shape=(len(points), self.bins))
+        self.partial = partial_results(3)
+        self.volumes = ti.field(ti.f64, shape=3)  # of the entering liquid; of the regions at cannula and drain
+        self.amount = ti.field(ti.f64, shape=())
+        self.chosen, self.chosen_id = (ti.field(ti.i32, shape=MOST_CHANGES) for _ in range(2))
+        self.chosen_volume = ti.field(ti.f64, shape=MOST_CHANGES)
+        self.chosen_count = ti.field(ti.i32, shape=())
+        self.direction = ti.Vector.field(self.dimension, real(), shape=DIRECTIONS)
 
     def exchange(self, dt: float) -> None:
         """Split and merge particles, and set the volume rates of this step."""
@@ -74,121 +119,274 @@ class Injection(Effect):
         if self.finished or self.solver.time < self.parameters.start:
             return
         if math.isnan(self.volume_before):
-            self._place_droplet()
+            self._place_droplet(dt)
         self._split_large()
         self._merge_small()
-        read = self.solver.particles.to_numpy
-        phase, volume, position = read("phase"), read("volume").astype(float), read("position").astype(float)
-        missing = self.target - volume[phase == self.entering].sum()
-        due = self.volume_before + self.parameters.flow * (self.solver.time + dt - self.parameters.start) - (
-            self.target - missing)
-        amount = max(0.0, min(due, missing))
-        rate = np.zeros(len(volume))
-        for which, point, sign in ((self.entering, self.cannula, 1.0), (self.leaving, self.drain, -1.0)):
-            rows = self._nearest(position, phase, which, point)
-            if sign < 0.0 and amount > 0.5 * volume[rows].sum():
-                raise RunError(f"{self.solver.liquids[which].name} runs out before the fill is reached, "
-                               "lower effects.injection.fill")
-            rate[rows] = sign * amount / dt * volume[rows] / volume[rows].sum()
-        self.solver.particles.from_numpy("volume_rate", rate)
+        self._measure()
+        missing = self.target - self.volumes[0]
+        due = self.volume_before + self.parameters.flowed(self.solver.time + dt) - self.volumes[0]
+        self.amount[None] = amount = max(0.0, min(due, missing))
+        cannula, drain = (self._reach(which, dt) for which in (CANNULA, DRAIN))
+        self._measure_regions(cannula, drain)
+        if amount > 0.5 * self.volumes[1 + DRAIN]:
+            raise RunError(f"{self.solver.liquids[self.leaving].name} runs out before the fill is reached, "
+                           "lower effects.injection.fill")
+        self._set_rates(cannula, drain, dt)
         self.finished = missing - amount <= FLOW_ROUNDING * self.rest_volume
 
-    def _nearest(self, position, phase, which: int, point) -> np.ndarray:
-        """Rows of the particles of one liquid nearest to a point.
+    # Where.
+
+    @ti.func
+    def _bin(self, which: ti.template(), i):
+        away = (self.particles.position[i] - self.point[which]).norm()
+        return ti.min(ti.cast(away / self.bin_width, ti.i32), self.bins - 1)
+
+    @ti.kernel
+    def _measure(self):
+        """Volume of the entering liquid, and numbers of particles in shells around cannula and drain."""
+        n = self.count[None]
+        for which, k in self.histogram:
+            self.histogram[which, k] = 0
+        for block in range(blocks(n)):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                if self.particles.phase[i] == self.entering:
+                    total += self.particles.volume[i]
+                for which in ti.static(range(3)):
+                    if self.particles.phase[i] == self.liquid_of[which]:
+                        ti.atomic_add(self.histogram[which, self._bin(which, i)], 1)
+            self.partial[0, block] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.volumes[0] = total_of(self.partial, 0, n)
+
+    def _reach(self, which: int, dt: float) -> int:
+        """Number of shells that make up the region of a step of dt s.
 
         Raises
         ------
         RunError
-            When that liquid has run out.
+            When its liquid has run out.
         """
-        rows = np.flatnonzero(phase == which)
-        if not len(rows):
-            name = self.solver.liquids[which].name
+        number = math.ceil(self.parameters.region_volume(self.rest_volume, self.dimension, dt) / self.rest_volume)
+        within = np.cumsum(self.histogram.to_numpy()[which])
+        if not within[-1]:
+            name = self.solver.liquids[self.liquid_of[which]].name
             raise RunError(f"no {name} is left to exchange, lower effects.injection.fill")
-        away = np.linalg.norm(position[rows] - point, axis=1)
-        return rows[np.argsort(away, kind="stable")[: self.number]]
+        return 1 + int(np.searchsorted(within, min(number, within[-1])))
 
-    def _place_droplet(self) -> None:
-        read = self.solver.particles.to_numpy
-        phase, volume, mass = read("phase"), read("volume"), read("mass")
-        present = volume[phase == self.entering].sum(dtype=float)
-        if present < self.number * self.rest_volume:
-            rows = self._nearest(read("position").astype(float), phase, self.leaving, self.cannula)
-            phase[rows] = self.entering
-            mass[rows] = volume[rows] * self.density[self.entering]
-            self.solver.particles.from_numpy("phase", phase)
-            self.solver.particles.from_numpy("mass", mass)
-            if self.mixes:
-                fraction = read("volume_fraction")
-                fraction[rows] = np.arange(fraction.shape[1]) == self.entering
-                self.solver.particles.from_numpy("volume_fraction", fraction)
-            present = volume[phase == self.entering].sum(dtype=float)
-        self.volume_before = present
+    @ti.kernel
+    def _measure_regions(self, cannula: int, drain: int):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            grown = ti.cast(0.0, ti.f64)
+            shrunk = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                if self.particles.phase[i] == self.entering and self._bin(CANNULA, i) < cannula:
+                    grown += self.particles.volume[i]
+                if self.particles.phase[i] == self.leaving and self._bin(DRAIN, i) < drain:
+                    shrunk += self.particles.volume[i]
+            self.partial[1, block] = grown
+            self.partial[2, block] = shrunk
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.volumes[1] = total_of(self.partial, 1, n)
+            self.volumes[2] = total_of(self.partial, 2, n)
+
+    @ti.kernel
+    def _set_rates(self, cannula: int, drain: int, dt: float):
+        """The flow, shared out by volume."""
+        for i in range(self.count[None]):
+            share = ti.cast(0.0, ti.f64)
+            if self.particles.phase[i] == self.entering and self._bin(CANNULA, i) < cannula:
+                share = self.particles.volume[i] / self.volumes[1]
+            if self.particles.phase[i] == self.leaving and self._bin(DRAIN, i) < drain:
+                share = -self.particles.volume[i] / self.volumes[2]
+            self.particles.volume_rate[i] = share * self.amount[None] / dt
+
+    def _place_droplet(self, dt: float) -> None:
+        self._measure()
+        if self.volumes[0] < self.parameters.region_volume(self.rest_volume, self.dimension, dt):
+            self._fill_droplet(self._reach(DROPLET, dt))
+            self._measure()
+        self.volume_before = self.volumes[0] - self.parameters.flowed(self.solver.time)
+
+    @ti.kernel
+    def _fill_droplet(self, shells: int):
+        for i in range(self.count[None]):
+            if self.particles.phase[i] == self.leaving and self._bin(DROPLET, i) < shells:
+                self.particles.phase[i] = self.entering
+                self.particles.mass[i] = self.particles.volume[i] * self.density[self.entering]
+                if ti.static(self.mixes):
+                    self.fractions[i] *= 0.0
+                    self.fractions[i][self.entering] = 1.0
+
+    # Which particles split or merge.
+
+    @ti.kernel
+    def _choose(self, liquid: int, sign: float, limit: float):
+        """List the particles of a liquid whose volume, times the sign, is above a limit."""
+        n = self.count[None]
+        for block in range(blocks(n)):
+            found = 0
+            for i in range(first(block, n), last(block, n)):
+                found += ti.cast(self.particles.phase[i] == liquid and sign * self.particles.volume[i] > limit, ti.i32)
+            self.partial[0, block] = found
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.chosen_count[None] = ti.cast(running_total(self.partial, 0, n), ti.i32)
+        for block in range(blocks(n)):
+            k = ti.cast(self.partial[0, block], ti.i32)
+            for i in range(first(block, n), last(block, n)):
+                if self.particles.phase[i] == liquid and sign * self.particles.volume[i] > limit:
+                    if k < MOST_CHANGES:
+                        self.chosen[k] = i
+                        self.chosen_id[k] = self.particles.id[i]
+                        self.chosen_volume[k] = self.particles.volume[i]
+                    k += 1
+
+    def _chosen(self, liquid: int, sign: float, limit: float) -> np.ndarray:
+        """Rows of the particles of a liquid whose volume, times the sign, is above a limit; small ones, old ones first.
+
+        Raises
+        ------
+        RunError
+            When there are more than one step can handle.
+        """
+        self._choose(liquid, sign, limit)
+        number = self.chosen_count[None]
+        if number > MOST_CHANGES:
+            raise RunError(f"{number} particles split or merge in one step, more than {MOST_CHANGES}; lower "
+                           "effects.injection.flow")
+        if not number:
+            return np.zeros(0, np.int32)
+        rows, ids, volumes = (one.to_numpy()[:number] for one in (self.chosen, self.chosen_id, self.chosen_volume))
+        rows = rows[np.lexsort((ids, volumes))]
+        padded = np.zeros(MOST_CHANGES, np.int32)
+        padded[:number] = rows
+        self.chosen.from_numpy(padded)
+        return rows
 
     def _split_large(self) -> None:
         """Split entering particles above the largest volume into two halves, where there is most room."""
-        particles = self.solver.particles
-        volume, phase = particles.to_numpy("volume"), particles.to_numpy("phase")
-        rows = np.flatnonzero((volume > LARGEST * self.rest_volume) & (phase == self.entering))
+        rows = self._chosen(self.entering, 1.0, LARGEST * self.rest_volume)
         if not len(rows):
             return
-        position = particles.to_numpy("position").astype(float)
-        velocity, pressure, mass = (particles.to_numpy(name) for name in ("velocity", "pressure", "mass"))
-        fraction = particles.to_numpy("volume_fraction") if self.mixes else None
         rng = np.random.default_rng((self.solver.settings.numerics.seed, self.solver.step_count))
-        for row in rows:
-            direction = rng.normal(size=(DIRECTIONS, self.solver.dimension))
-            step = SPLIT_DISTANCE * self.spacing * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-            away = position - position[row]
-            near = position[(np.linalg.norm(away, axis=1) < 2.0 * self.spacing) & (np.arange(len(position)) != row)]
-            ends = position[row] + np.stack([step, -step])
-            gap = np.linalg.norm(ends[:, :, None] - near, axis=3).min(axis=(0, 2)) if len(near) else np.ones(DIRECTIONS)
-            inside = (self.solver.distance.at(ends.reshape(-1, step.shape[1])) < 0.0).reshape(2, -1).all(0)
-            gap = np.where(inside, gap, 0.0)
-            best = int(gap.argmax())
-            half = {"phase": phase[row], "velocity": velocity[row], "pressure": pressure[row],
-                    "volume": 0.5 * volume[row], "mass": 0.5 * mass[row]}
-            half |= {"volume_fraction": fraction[row]} if self.mixes else {}
-            particles.append(half | {"id": self.solver.next_id, "position": ends[1, best]})
-            self.solver.next_id += 1
-            particles.set_row(int(row), {"position": ends[0, best], "volume": half["volume"], "mass": half["mass"]})
-            position[row] = ends[0, best]
-            position = np.vstack([position, ends[1, best]])
+        direction = rng.normal(size=(DIRECTIONS, self.dimension))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        self.direction.from_numpy(direction.astype(real_numpy()))
+        first_new = self.store.duplicate(rows)
+        self._split(first_new, len(rows), self.solver.next_id)
+        self.solver.next_id += len(rows)
+
+    @ti.kernel
+    def _split(self, first_new: int, number: int, first_id: int):
+        # One after the other: a later one looks at where the earlier ones have gone.
+        ti.loop_config(serialize=True)
+        for k in range(number):
+            i, new = self.chosen[k], first_new + k
+            x = self.particles.position[i]
+            best = x * 0.0
+            most = -1.0
+            for d in range(DIRECTIONS):
+                step = SPLIT_DISTANCE * self.spacing * self.direction[d]
+                gap = 0.0
+                if self.distance.value(x + step) < 0.0 and self.distance.value(x - step) < 0.0:
+                    gap = self.spacing
+                    for slot in range(self.pairs.count[i]):
+                        x_j = self.particles.position[self.pairs.index[self.pairs.entry(i, slot)]]
+                        gap = ti.min(gap, self._room(x, x_j, step))
+                    for other in range(first_new, new):
+                        gap = ti.min(gap, self._room(x, self.particles.position[other], step))
+                if gap > most:
+                    most = gap
+                    best = step
+            self.particles.position[i] = x + best
+            self.particles.position[new] = x - best
+            self.particles.id[new] = first_id + k
+            self.particles.volume[i] *= 0.5
+            self.particles.mass[i] *= 0.5
+            self.particles.volume[new] = self.particles.volume[i]
+            self.particles.mass[new] = self.particles.mass[i]
+
+    @ti.func
+    def _room(self, x, x_j, step):
+        """Distance from x_j to the nearer of x + step and x - step; a spacing where x_j is far."""
+        gap = self.spacing
+        if (x_j - x).norm() < NEAR * self.spacing:
+            gap = ti.min((x_j - x - step).norm(), (x_j - x + step).norm())
+        return gap
 
     def _merge_small(self) -> None:
         """Merge leaving particles below the smallest volume with their nearest neighbor of the same liquid."""
-        particles = self.solver.particles
-        volume, phase = particles.to_numpy("volume").astype(float), particles.to_numpy("phase")
-        small = np.flatnonzero((volume < SMALLEST * self.rest_volume) & (phase == self.leaving))
-        if not len(small):
+        rows = self._chosen(self.leaving, -1.0, -SMALLEST * self.rest_volume)
+        if not len(rows):
             return
-        position = particles.to_numpy("position").astype(float)
-        velocity, mass = particles.to_numpy("velocity").astype(float), particles.to_numpy("mass").astype(float)
-        fraction = particles.to_numpy("volume_fraction").astype(float) if self.mixes else None
-        same = np.flatnonzero(phase == self.leaving)
-        gone = set()
-        for row in small[np.argsort(volume[small], kind="stable")]:
-            if int(row) in gone:
-                continue
-            others = same[(same != row) & ~np.isin(same, list(gone))]
-            away = np.linalg.norm(position[others] - position[row], axis=1)
-            # A near partner that makes no large particle; one that has shrunk to half once more takes the nearest.
-            near = (away < 1.5 * self.spacing) & (volume[others] + volume[row] <= 0.75 * LARGEST * self.rest_volume)
-            allowed = near if volume[row] > 0.5 * SMALLEST * self.rest_volume else np.ones(len(others), bool)
-            if not allowed.any():
-                continue
-            partner = int(others[allowed][away[allowed].argmin()])
-            total, weight = volume[row] + volume[partner], mass[row] + mass[partner]
-            position[partner] = (volume[row] * position[row] + volume[partner] * position[partner]) / total
-            velocity[partner] = (mass[row] * velocity[row] + mass[partner] * velocity[partner]) / weight
-            if self.mixes:
-                fraction[partner] = (volume[row] * fraction[row] + volume[partner] * fraction[partner]) / total
-                particles.set_row(partner, {"volume_fraction": fraction[partner]})
-            volume[partner], mass[partner] = total, weight
-            particles.set_row(partner, {"position": position[partner], "velocity": velocity[partner],
-                                        "volume": total, "mass": weight})
-            gone.add(int(row))
-        particles.remove(gone)
+        self._merge(len(rows))
+        self.store.remove(rows[self._gone(len(rows))])
+
+    @ti.func
+    def _is_partner(self, i, j, hurry):
+        """Whether i may go into j: not where a large particle would come of it, unless in a hurry."""
+        small = self.particles.volume[i] + self.particles.volume[j] <= 0.75 * LARGEST * self.rest_volume
+        away = (self.particles.position[i] - self.particles.position[j]).norm()
+        return (j != i and self.particles.phase[j] == self.leaving and self.particles.merged[j] == 0
+                and (hurry or (small and away < NEAR * self.spacing)))
+
+    @ti.func
+    def _nearer(self, i, j, least, best):
+        """Squared distance and row of the nearer one of two partners, the older one where they are as near."""
+        r2 = (self.particles.position[i] - self.particles.position[j]).norm_sqr()
+        found, row = least, best
+        if r2 < least or (r2 == least and self.particles.id[j] < self.particles.id[best]):
+            found, row = r2, j
+        return found, row
+
+    @ti.kernel
+    def _merge(self, number: int):
+        for i in range(self.count[None]):
+            self.particles.merged[i] = 0
+        ti.loop_config(serialize=True)
+        for k in range(number):
+            i = self.chosen[k]
+            # One that has shrunk to half once more takes the nearest there is.
+            hurry = self.particles.volume[i] <= 0.5 * SMALLEST * self.rest_volume
+            least, best = 1e30, -1
+            for slot in range(self.pairs.count[i]):
+                j = self.pairs.index[self.pairs.entry(i, slot)]
+                if self._is_partner(i, j, hurry):
+                    least, best = self._nearer(i, j, least, best)
+            if best < 0 and hurry:
+                for j in range(self.count[None]):
+                    if self._is_partner(i, j, hurry):
+                        least, best = self._nearer(i, j, least, best)
+            if best >= 0:
+                self._unite(i, best)
+
+    @ti.func
+    def _unite(self, i, j):
+        """Put particle i into particle j."""
+        v_i, v_j = self.particles.volume[i], self.particles.volume[j]
+        m_i, m_j = self.particles.mass[i], self.particles.mass[j]
+        share, weight = v_i / (v_i + v_j), m_i / (m_i + m_j)
+        self.particles.position[j] += share * (self.particles.position[i] - self.particles.position[j])
+        self.particles.velocity[j] += weight * (self.particles.velocity[i] - self.particles.velocity[j])
+        if ti.static(self.mixes):
+            self.fractions[j] += share * (self.fractions[i] - self.fractions[j])
+        self.particles.volume[j] = v_i + v_j
+        self.particles.mass[j] = m_i + m_j
+        self.particles.merged[i] = 1
+
+    def _gone(self, number: int) -> np.ndarray:
+        """Which of the chosen particles have gone into another one, (number,) boolean."""
+        self._read_merged(number)
+        return self.chosen_id.to_numpy()[:number] == 1
+
+    @ti.kernel
+    def _read_merged(self, number: int):
+        for k in range(number):
+            self.chosen_id[k] = self.particles.merged[self.chosen[k]]
 
     @ti.kernel
     def _grow(self, dt: float):
