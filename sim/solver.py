@@ -26,8 +26,10 @@ BASE_FIELDS = (
     Field("volume", "scalar", "m3", "rest volume V_i", carried=True),
     Field("mass", "scalar", "kg", "mass", carried=True),
     Field("acceleration", "vector", "m/s2", "sum of the accelerations other than pressure and implicit viscosity"),
+    Field("velocity_before", "vector", "m/s", "velocity before the accelerations of the step"),
 )
 
+SPEED, ACCELERATION, SQUARES, CHANGE = range(4)  # what `Solver.largest` holds
 COINCIDENT_SHIFT = 0.01  # of a particle that starts where another one is, in particle spacings
 
 
@@ -94,11 +96,11 @@ class Solver:
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
                                      self.spacing, head_room, settings.periods)
         self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
-        for name in ("position", "velocity", "acceleration"):
+        for name in ("position", "velocity", "velocity_before", "acceleration"):
             setattr(self, name, self.particles.arrays[name])
         self.count = self.particles.count
         self.largest = ti.field(ti.f64, shape=4)
-        self.partial = partial_results(3)
+        self.partial = partial_results(2)
         self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
         parameters = {type(p): p for p in settings.effects}
         self.effects = []
@@ -144,21 +146,36 @@ class Solver:
         n = self.count[None]
         for block in range(blocks(n)):
             speed = ti.cast(0.0, ti.f64)
-            acceleration = ti.cast(0.0, ti.f64)
             total = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 v2 = ti.cast(self.velocity[i].norm_sqr(), ti.f64)
                 speed = ti.max(speed, v2)
-                acceleration = ti.max(acceleration, ti.cast(self.acceleration[i].norm_sqr(), ti.f64))
                 total += v2
             self.partial[0, block] = speed
-            self.partial[1, block] = acceleration
-            self.partial[2, block] = total
+            self.partial[1, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.largest[0] = ti.sqrt(largest_of(self.partial, 0, n))
-            self.largest[1] = ti.sqrt(largest_of(self.partial, 1, n))
-            self.largest[2] = total_of(self.partial, 2, n)
+            self.largest[SPEED] = ti.sqrt(largest_of(self.partial, 0, n))
+            self.largest[SQUARES] = total_of(self.partial, 1, n)
+
+    @ti.kernel
+    def _largest_accelerations(self, dt: float):
+        """Of the effects, and of what particles have really done of it once pressure and viscosity have answered."""
+        n = self.count[None]
+        for block in range(blocks(n)):
+            largest = ti.cast(0.0, ti.f64)
+            done = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                a2 = ti.cast(self.acceleration[i].norm_sqr(), ti.f64)
+                change = ti.cast((self.velocity[i] - self.velocity_before[i]).norm_sqr(), ti.f64) / (dt * dt)
+                largest = ti.max(largest, a2)
+                done = ti.max(done, ti.min(a2, change))
+            self.partial[0, block] = largest
+            self.partial[1, block] = done
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.largest[ACCELERATION] = ti.sqrt(largest_of(self.partial, 0, n))
+            self.largest[CHANGE] = ti.sqrt(largest_of(self.partial, 1, n))
 
     @ti.kernel
     def _accelerate(self, dt: float):
@@ -183,17 +200,18 @@ class Solver:
                                                       self.wall_pairs.weight[k])
             self.acceleration[i] = a
         for i in range(self.count[None]):
+            self.velocity_before[i] = self.velocity[i]
             self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:
         """Smallest limit of the scheme and of the active effects, s."""
         numerics = self.settings.numerics
-        speed, acceleration = self.largest[0], self.largest[1]
+        speed, change = self.largest[SPEED], self.largest[CHANGE]
         limits = [numerics.maximum_time_step]
         if speed > 0.0:
             limits.append(numerics.courant_number * self.spacing / speed)
-        if acceleration > 0.0:
-            limits.append(0.5 * (self.spacing / acceleration) ** 0.5)
+        if change > 0.0:
+            limits.append(0.5 * (self.spacing / change) ** 0.5)
         if self.step_count == 0:  # no acceleration was measured yet
             limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
                        if e.name == "gravity" and e.largest_acceleration() > 0.0]
@@ -212,10 +230,10 @@ class Solver:
     def _largest_in_words(self) -> str:
         """Largest speed, with its particle, and largest acceleration."""
         speeds = np.linalg.norm(self.particles.to_numpy("velocity").astype(float), axis=1)
-        words = f"largest speed {self.largest[0]:.3g} m/s"
-        if self.largest[0] > 0.0:
+        words = f"largest speed {self.largest[SPEED]:.3g} m/s"
+        if self.largest[SPEED] > 0.0:
             words += f" of {described(self, int(np.argmax(speeds)))}"
-        words += f", largest acceleration {self.largest[1]:.3g} m/s2"
+        words += f", largest acceleration {self.largest[ACCELERATION]:.3g} m/s2"
         return words + (f"; {self.watcher.gain_in_words}" if self.watcher and self.watcher.gain_in_words else "")
 
     def timed(self, name, function, *arguments):
@@ -260,6 +278,7 @@ class Solver:
             if not isinstance(error, OverflowError):
                 self.check_finite()
             raise
+        self.timed("time step", self._largest_accelerations, dt)
         self.time += dt
         self.step_count += 1
         self.statistics = {"time_step": dt, **statistics}
@@ -288,10 +307,10 @@ class Solver:
     def largest_speed(self) -> float:
         """Largest speed of the present state, m/s."""
         self.timed("time step", self._largest_values)
-        return self.largest[0]
+        return self.largest[SPEED]
 
     def _check(self):
-        if not np.isfinite(self.largest[2]):
+        if not np.isfinite(self.largest[SQUARES]):
             self.check_finite()
 
     def check_finite(self) -> None:
@@ -348,7 +367,7 @@ class Solver:
         arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
                   for f in self.particles.declared.values() if f.carried}
         state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
-                 "acceleration": self.particles.to_numpy("acceleration"), **arrays}
+                 "largest": self.largest.to_numpy(), **arrays}
         state |= {f"scheme.{key}": value for key, value in self.scheme.state().items()}
         for effect in self.effects:
             state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
@@ -385,10 +404,9 @@ class Solver:
             prefix = f"{effect.name}."
             effect.restore({k[len(prefix):]: v for k, v in state.items() if k.startswith(prefix)})
         self.search.sort()  # as the next step would
-        order = self.particles.order.to_numpy()[: self.count[None]]
-        self.particles.from_numpy("acceleration", state["acceleration"][order])
         self.search.build()
         self.scheme.measure()
+        self.largest.from_numpy(np.asarray(state["largest"]))
         self._largest_values()
 
     @ti.kernel

@@ -10,7 +10,7 @@ import pytest
 
 from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES, Turn, rotate_towards
-from sim.solver import Divergence
+from sim.solver import CHANGE, SPEED, Divergence
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -34,7 +34,7 @@ def assert_same_bits(found, expected):
 def by_id(state: dict) -> dict:
     """Return a state with its particles in the order of their numbers."""
     order = np.argsort(state["particles.id"])
-    return {name: values[order] if name == "acceleration" or name.startswith("particles.") else values
+    return {name: values[order] if name.startswith("particles.") else values
             for name, values in state.items()}
 
 
@@ -139,7 +139,7 @@ def test_time_step_is_the_smallest_limit(tank):
             (0.0, 0.0, min(numerics.maximum_time_step, capillary)),
             (2.0, 0.0, numerics.courant_number * cavities.SPACING / 2.0),
             (0.0, 200.0, 0.5 * np.sqrt(cavities.SPACING / 200.0))):
-        tank.largest[0], tank.largest[1] = speed, acceleration
+        tank.largest[SPEED], tank.largest[CHANGE] = speed, acceleration
         assert tank.stable_time_step() == pytest.approx(limit)
 
 

@@ -10,6 +10,7 @@ strain     3.0 %, 1.6 %; 2. Half the iterations, each three times as dear.
 M + dt K is symmetric and positive definite; conjugate gradients with the diagonal as preconditioner.
 """
 import dataclasses
+from typing import ClassVar
 
 import taichi as ti
 
@@ -26,6 +27,8 @@ from sim.runtime import real
 @dataclasses.dataclass(frozen=True)
 class ViscosityImplicitParameters:
     """Shear stress within and between liquids by a backward Euler step: no limit on the time step."""
+
+    damps_any_step: ClassVar[bool] = True  # waves too short to follow fade in steps of any size
 
     wall: str = parameter("no_slip", choices=("no_slip", "free_slip"), meaning="friction at the wall")
     form: str = parameter("central", choices=tuple(FORMS),
