@@ -38,6 +38,7 @@ CONFLICTS = (
     ("contact_line_emulsification", "collision", "one mixes the liquids, the other keeps them apart"),
     ("injection", "drift", "the fill is counted in unmixed particles, so let another scene start from the end"),
 )
+LEAST_LEFT = 0.005  # of the cavity, of the liquid that an injection drains: fewer particles cannot give way evenly
 NEED_TWO_LIQUIDS = ("injection", "interface_tension", "drift", "diffusion", "collision")
 MOST_FRAMES = 100_000
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
@@ -228,10 +229,16 @@ def _injection_has_room(initial: Initial, effects: dict, start_from: str | None)
     if not injection or start_from is not None:
         return
     fill = initial.fill if initial.fill is not None else {initial.liquid: 1.0}
-    if fill.get(injection.liquid, 0.0) >= injection.fill:
+    present, leaving = fill.get(injection.liquid, 0.0), fill.get(injection.drained_liquid, 0.0)
+    if present >= injection.fill:
         yield (("effects", "injection", "fill"),
-               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * fill[injection.liquid]:g} % of the "
-               "cavity at the start")
+               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * present:g} % of the cavity at the "
+               "start")
+    elif injection.fill > present + leaving - LEAST_LEFT + 1e-9:
+        yield (("effects", "injection", "fill"),
+               f"is {100 * injection.fill:g} %, which drains all {injection.drained_liquid} "
+               f"({100 * leaving:g} % of the cavity at the start), but must be at most "
+               f"{100 * (present + leaving - LEAST_LEFT):g} %")
 
 
 @_check

@@ -45,8 +45,9 @@ class TankParameters:
     largest_step: float = parameter(0.1, exclusive_minimum=0.0, meaning="largest time step in sqrt(spacing / g)")
     tolerance_factor: float = parameter(1.0, exclusive_minimum=0.0,
                                         meaning="tolerances of the solves, over those that the case takes")
-    time_step_factor: float = parameter(1.0, exclusive_minimum=0.0, maximum=1.0,
-                                        meaning="largest time step, over the one that the case takes")
+    time_step_factor: float = parameter(1.0, exclusive_minimum=0.0, maximum=8.0,
+                                        meaning="largest time step, over the one that the case takes; limits of the "
+                                                "scheme and of effects hold all the same")
     precision: str = parameter("f64", choices=_NUMERICS["precision"]["choices"],
                                meaning="floating point format of the fields")
 
@@ -101,6 +102,19 @@ def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Seque
                   fluid_velocity=None if velocity is None else velocity(position),
                   **{name: arrays[name] for name in ("wall_position", "wall_volume", "sdf_values", "sdf_origin",
                                                      "sdf_cell", "cavity_volume")}, wall_depth=arrays["wall_distance"])
+
+
+def scene_solver(case: TankParameters, scene, spacing: float) -> Solver:
+    """Return the solver of a scene of the eye with the numerics of a case and a particle spacing, m."""
+    from pipeline.eye import cavity_mesh
+    from pipeline.simulate import build_solver
+    from pipeline.voxelize import voxelize
+
+    numerics = dataclasses.replace(scene.numerics, particle_spacing=spacing, support_ratio=case.support_ratio,
+                                   scheme=case.scheme, kernel=case.kernel, precision=case.precision, threads=0)
+    settings = changed(case, dataclasses.replace(scene, numerics=numerics).settings())
+    scene = dataclasses.replace(scene, numerics=settings.numerics)
+    return build_solver(scene, voxelize(scene, cavity_mesh(scene.eye)[0])[0])
 
 
 def changed(case: TankParameters, settings: Settings) -> Settings:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.scene import PROJECT_CONFIG, load_scene
 from pipeline.study_model import Curve, Figure, Outcome
-from pipeline.study_tank import TankParameters, advance, changed, field
+from pipeline.study_tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
@@ -30,20 +30,9 @@ class Parameters(TankParameters):
 
 def run(case: Parameters) -> Outcome:
     """Watch the height of the aqueous at every resolution."""
-    from pipeline.eye import cavity_mesh
-    from pipeline.simulate import build_solver
-    from pipeline.voxelize import voxelize
-
-    outcome = Outcome()
+    outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
     for resolution in case.resolutions:
-        scene = load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
-        numerics = dataclasses.replace(
-            scene.numerics, particle_spacing=WIDTH / resolution, support_ratio=case.support_ratio,
-            scheme=case.scheme, kernel=case.kernel, precision=case.precision)
-        settings = changed(case, dataclasses.replace(scene, numerics=numerics).settings())
-        scene = dataclasses.replace(scene, numerics=dataclasses.replace(settings.numerics, threads=0))
-        arrays, _ = voxelize(scene, cavity_mesh(scene.eye)[0])
-        result = advance(build_solver(scene, arrays), case.duration, f"n={resolution}", _height)
+        result = advance(scene_solver(case, scene, WIDTH / resolution), case.duration, f"n={resolution}", _height)
         outcome.rows += result.rows()
         outcome.remarks += result.remarks("eye at rest")
         if not result.failure:
