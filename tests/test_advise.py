@@ -165,9 +165,9 @@ def test_estimated_steps_are_near_those_of_runs(name, decides, steps):
 
 
 def test_capillary_limit_decides_for_the_tamponade():
-    report = report_of(shipped("tamponade", "standard"), REFERENCE_VOLUME)
+    report = report_of(shipped("tamponade", "fine"), REFERENCE_VOLUME)
     assert report.time_step_limits[0].source == "effects.interface_tension"
-    assert report.time_step == pytest.approx(5.0e-4, rel=0.01)
+    assert report.time_step == pytest.approx(1.85e-3, rel=0.01)
     # Frames every 0.1 s: whole steps to each.
     assert report.steps == 40 * math.ceil(0.1 / report.time_step)
 
