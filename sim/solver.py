@@ -26,7 +26,7 @@ BASE_FIELDS = (
     Field("volume", "scalar", "m3", "rest volume V_i", carried=True),
     Field("mass", "scalar", "kg", "mass", carried=True),
     Field("acceleration", "vector", "m/s2", "sum of the accelerations other than pressure and implicit viscosity"),
-    Field("velocity_before", "vector", "m/s", "velocity before the accelerations of the step"),
+    Field("velocity_at_start", "vector", "m/s", "velocity before the accelerations of the step"),
 )
 
 SPEED, ACCELERATION, SQUARES, CHANGE = range(4)  # what `Solver.largest` holds
@@ -96,7 +96,7 @@ class Solver:
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
                                      self.spacing, head_room, settings.periods)
         self.pairs, self.wall_pairs, self.walls = self.search.pairs, self.search.wall_pairs, self.search.walls
-        for name in ("position", "velocity", "velocity_before", "acceleration"):
+        for name in ("position", "velocity", "velocity_at_start", "acceleration"):
             setattr(self, name, self.particles.arrays[name])
         self.count = self.particles.count
         self.largest = ti.field(ti.f64, shape=4)
@@ -167,7 +167,7 @@ class Solver:
             done = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 a2 = ti.cast(self.acceleration[i].norm_sqr(), ti.f64)
-                change = ti.cast((self.velocity[i] - self.velocity_before[i]).norm_sqr(), ti.f64) / (dt * dt)
+                change = ti.cast((self.velocity[i] - self.velocity_at_start[i]).norm_sqr(), ti.f64) / (dt * dt)
                 largest = ti.max(largest, a2)
                 done = ti.max(done, ti.min(a2, change))
             self.partial[0, block] = largest
@@ -200,7 +200,7 @@ class Solver:
                                                       self.wall_pairs.weight[k])
             self.acceleration[i] = a
         for i in range(self.count[None]):
-            self.velocity_before[i] = self.velocity[i]
+            self.velocity_at_start[i] = self.velocity[i]
             self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:

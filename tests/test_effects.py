@@ -335,7 +335,7 @@ VISCOUS_STEP = 1e-3  # s
 def of_form(solver, form, wall="free_slip"):
     """Return the implicit viscosity of another form, made for the particles of a solver."""
     effect = REGISTRY["viscosity_implicit"](cavities.parameters("viscosity_implicit", form=form, wall=wall), solver)
-    effect._set_viscosity()
+    effect._guess(0.0)
     effect.form.assemble(VISCOUS_STEP)
     return effect
 
