@@ -25,7 +25,7 @@ def run_case(case: Case) -> Outcome:
     # A reference is compared with: rounding must not be what is measured, unless a case asks for that.
     initialize(getattr(case.parameters, "precision", "f64"))
     begin = time.perf_counter()
-    outcome = case.family.run(case.parameters)
+    outcome = case.run()
     outcome.case = case.name
     print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
     return outcome

@@ -43,14 +43,16 @@ class Studies:
             return []
 
     def inputs(self, name: str, case: str) -> list[str]:
-        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for."""
+        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for.
+
+        They are those of the study's own accuracy level.
+        """
         files, asked = [], self._case(name, case)
-        for scene in asked.inputs():
-            folder = f"{OUTPUTS}/{scene}"
+        for scene, folder in asked.folders().items():
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
             files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
             files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
-                      for segment in self._flow.segments(scene)]
+                      for segment in self._flow.segments(scene, asked.accuracy)]
         return files
 
     def depends(self, name: str, case: str) -> str:
@@ -60,7 +62,7 @@ class Studies:
     def report_depends(self, name: str) -> str:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name)
-        return f"{stage_digest('study_report')} {study.title} {study.description} {study.figures()}"
+        return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
 
     def _case(self, name: str, case: str):
         try:

@@ -136,5 +136,5 @@ def test_broken_study_stops_only_those_who_ask_for_it(project, write):
     write("cases: {}")
     code, output = project.snakemake("-n", "small")
     assert code == 2 and "error: config/studies/small.yaml: cases is empty" in output and TRACE not in output
-    code, output = project.snakemake("-n", "outputs/tiny/scene.json")
+    code, output = project.snakemake("-n", "outputs/tiny/draft/scene.json")
     assert code == 0, output
