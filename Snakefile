@@ -37,6 +37,7 @@ SHELF = {"category": "{scene}", "subcategory": "{level}"}  # where the report ha
 wildcard_constraints:
     scene=r"[A-Za-z0-9_-]+",
     level=flow.any_level,
+    other=flow.any_level,
     segment=r"\d\d\d+",
 
 
@@ -312,6 +313,26 @@ rule bodies:
         " 2>&1 | tee {log}"
 
 
+rule compare:
+    input:
+        lambda w: flow.compared(w.scene, w.level, w.other),
+    output:
+        page=report("outputs/{scene}/compare_{level}_{other}.html", category="{scene}", subcategory="levels",
+                    caption="docs/report/compare.rst", labels={"what": "1 {level} and {other}"}),
+        picture=report("outputs/{scene}/compare_{level}_{other}.png", category="{scene}", subcategory="levels",
+                       caption="docs/report/compare.rst", labels={"what": "2 {level} and {other} (picture)"}),
+        table=report("outputs/{scene}/compare_{level}_{other}.csv", category="{scene}", subcategory="levels",
+                     caption="docs/report/compare.rst", labels={"what": "3 {level} and {other} (CSV)"}),
+    params:
+        depends=stage_digest("compare"),
+    log: "outputs/{scene}/logs/compare_{level}_{other}.log",
+    message: "{wildcards.scene}: compare {wildcards.level} with {wildcards.other}"
+    shell:
+        "python -m pipeline.compare outputs/{wildcards.scene}/{wildcards.level} outputs/{wildcards.scene}/"
+        "{wildcards.other} --output outputs/{wildcards.scene}/compare_{wildcards.level}_{wildcards.other}"
+        " 2>&1 | tee {log}"
+
+
 rule without_level:
     input:
         lambda w: flow.refuse(w.scene, w.rest),
@@ -319,7 +340,7 @@ rule without_level:
         "outputs/{scene}/{rest}",
     wildcard_constraints:
         scene=r"(?!studies/)[A-Za-z0-9_-]+",
-        rest=rf"(?!({flow.any_level})/).+",
+        rest=rf"(?!({flow.any_level})/|compare_({flow.any_level})_({flow.any_level})\.(html|png|csv)$).+",
 
 
 include: "rules/studies.smk"

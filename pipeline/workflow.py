@@ -116,12 +116,25 @@ class Workflow:
         eye = self.scene(name, level).eye
         return [eye.path] if eye is not None and eye.path else []
 
+    def compared(self, name: str, level: str, other: str) -> list[str]:
+        """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
+        if level == other:
+            stop(f"{OUTPUTS}/{name}/compare_{level}_{other}: compares {level} with itself; name two of "
+                 f"{', '.join(self.levels)}")
+        files = []
+        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in (level, other)):
+            files += [f"{folder}/metrics.csv", *(f"{folder}/images/segment_{segment}" for segment in segments),
+                      *(f"{folder}/costs/segment_{segment}.json" for segment in segments)]
+        return files
+
     def refuse(self, name: str, rest: str) -> NoReturn:
         """End Snakemake with the path to ask for: a file of a scene was asked for without an accuracy level."""
         self.scene(name, self.accuracy)  # an unknown scene has a sentence of its own
         folder, levels = f"{OUTPUTS}/{name}", ", ".join(self.levels)
         first, _, after = rest.partition("/")
         meant = nearest(first, self.levels) if after else ""
+        if first.startswith("compare_"):
+            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
         if rest in self.levels:
             stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/movie.mp4")
         if meant:
