@@ -25,6 +25,9 @@ configfile: "config/config.yaml"
 report: "docs/report/workflow.rst"
 
 
+# Snakemake tells OpenMP and the like how many threads a job has; this tells VTK and the drawing without a GPU.
+shell.prefix("set -euo pipefail; export VTK_SMP_MAX_THREADS=$OMP_NUM_THREADS LP_NUM_THREADS=$OMP_NUM_THREADS; ")
+
 flow = Workflow(config)
 SCENE = ancient("outputs/{scene}/{level}/scene.json")
 FRAMES = "outputs/{scene}/{level}/frames/segment_{segment}"
@@ -103,9 +106,10 @@ rule voxelize:
     log: "outputs/{scene}/{level}/logs/voxelize.log",
     benchmark: "outputs/{scene}/{level}/benchmarks/voxelize.tsv"
     message: "{wildcards.scene} at {wildcards.level}: fill the cavity with particles",
+    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     shell:
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
-        " 2>&1 | tee {log}"
+        " --threads {threads} 2>&1 | tee {log}"
 
 
 rule advise:
@@ -187,11 +191,12 @@ rule simulate:
     log: "outputs/{scene}/{level}/logs/simulate_{segment}.log",
     benchmark: "outputs/{scene}/{level}/benchmarks/simulate_{segment}.tsv"
     message: "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}",
-    threads: 1  # the other core reconstructs and draws the segment before
+    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     priority: 10  # everything waits for the simulation
     shell:
         "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
-        " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} 2>&1 | tee {log}"
+        " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
+        " 2>&1 | tee {log}"
 
 
 rule effects:
@@ -238,7 +243,7 @@ rule reconstruct:
     message: "{wildcards.scene} at {wildcards.level}: reconstruct the surfaces of segment {wildcards.segment}",
     shell:
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
-        " 2>&1 | tee {log}"
+        " --threads {threads} 2>&1 | tee {log}"
 
 
 rule render:

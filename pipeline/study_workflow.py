@@ -3,6 +3,7 @@ from pipeline.digest import stage_digest
 from pipeline.errors import UserError
 from pipeline.study_plan import Study, cached_study, study_names
 from pipeline.workflow import OUTPUTS, Workflow, stop
+from sim.cores import USEFUL_THREADS, available_cores
 
 
 class Studies:
@@ -54,6 +55,18 @@ class Studies:
             files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
                       for segment in self._flow.segments(scene, asked.accuracy)]
         return files
+
+    def threads(self, name: str, case: str, cores: int) -> int:
+        """Return how many threads a case gets where Snakemake has a number of cores.
+
+        The cases of a study share the cores: many run side by side, a few get several each. What only reads the results
+        of scenes needs one.
+        """
+        asked, cases = self._case(name, case), self.study(name).cases.values()
+        if asked.folders():
+            return 1
+        share = min(cores, available_cores()) // sum(not one.folders() for one in cases)
+        return max(getattr(asked.family, "THREADS", 1), min(share, USEFUL_THREADS))
 
     def depends(self, name: str, case: str) -> str:
         """Return a parameter that changes when the outcome of a case may change."""

@@ -19,6 +19,8 @@ from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.scene_model import Scene
 from pipeline.scene_reader import describe as shown
 from pipeline.scene_reader import nearest
+from pipeline.threads import chosen_threads
+from sim.cores import USEFUL_THREADS, available_cores
 
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
@@ -92,8 +94,20 @@ class Workflow:
     def scene(self, name: str, level: str) -> Scene:
         """Return a scene at an accuracy level; a scene with errors ends Snakemake with one sentence for each."""
         if (name, level) not in self._scenes:
-            self._scenes[name, level] = _read(load_scene, SCENES / f"{name}.yaml", level)
+            path = SCENES / f"{name}.yaml"
+            scene = self._scenes[name, level] = _read(load_scene, path, level)
+            _read(chosen_threads, None, scene, path)
         return self._scenes[name, level]
+
+    def threads(self, name: str, level: str, cores: int) -> int:
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
+
+        The number is the scene's or, where it leaves that open, all cores, of which the third and more leave one for
+        drawing: with two, drawing takes less time than the simulation would lose, and waits for it.
+        """
+        cores = min(cores, available_cores())
+        asked = self.scene(name, level).numerics.threads
+        return min(asked or min(cores if cores <= 2 else cores - 1, USEFUL_THREADS), cores)
 
     def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""
