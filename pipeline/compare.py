@@ -188,7 +188,8 @@ def in_short(runs: Sequence[Run], found: Sequence[Difference]) -> str:
     price = ""
     if all(each.get(name, 0.0) > 0.0 for each in costs):
         price = f"; {other.level} took {costs[1][name] / costs[0][name]:.3g} times the computing time of {one.level}"
-    return f"at the end of {one.level} and {other.level}, what differs most over time: {', '.join(parts)}{price}"
+    return (f"at the end of {one.level} and {other.level}, what differs most over time: "
+            f"{', '.join(parts) or 'nothing'}{price}")
 
 
 def _words(name: str) -> str:
@@ -268,9 +269,9 @@ def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes) ->
         much = number < len(found) and found[number].drawn and found[number].share >= MARKED
         body.append(f'<tr class="{"much" if much else ""}">' + "".join(f"<td>{html.escape(cell)}</td>" for cell in line)
                     + "</tr>")
-    short = html.escape(in_short(runs, found).capitalize())
+    short = html.escape(in_short(runs, found))
     return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-            f"<style>{STYLE}{MARK}</style></head><body><h1>{title}</h1><p>{short}.</p>"
+            f"<style>{STYLE}{MARK}</style></head><body><h1>{title}</h1><p>In short: {short}.</p>"
             f'<img alt="{title}" src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
             "<p>Values at the last time that both have, and the largest difference at any time, also as a share of the "
             f"extent of the metric over time; of what is drawn, rows from {100 * MARKED:g} % on are marked. Times are "

@@ -65,8 +65,9 @@ class Studies:
         asked, cases = self._case(name, case), self.study(name).cases.values()
         if asked.folders():
             return 1
-        share = min(cores, available_cores()) // sum(not one.folders() for one in cases)
-        return max(getattr(asked.family, "THREADS", 1), min(share, USEFUL_THREADS))
+        cores = min(cores, available_cores())
+        share = min(cores // sum(not one.folders() for one in cases), USEFUL_THREADS)
+        return min(max(getattr(asked.family, "THREADS", 1), share), cores)
 
     def depends(self, name: str, case: str) -> str:
         """Return a parameter that changes when the outcome of a case may change."""
