@@ -1,9 +1,9 @@
 """Stage: after a run, what was predicted and what it has cost, side by side.
 
 The prediction is that of `pipeline.estimate`, made from the same scene; what a stage took is what Snakemake wrote into
-outputs/<scene>/benchmarks. Of the time of all cores that misses up to the last half minute of a long job, so the time
-of the simulation is also given as the solver counts it. Where the computer did other things as well, the clock ran
-longer: compare the time of all cores then.
+outputs/<scene>/<level>/benchmarks. Of the time of all cores that misses up to the last half minute of a long job, so
+the time of the simulation is also given as the solver counts it. Where the computer did other things as well, the clock
+ran longer: compare the time of all cores then.
 """
 import argparse
 import csv

@@ -78,7 +78,8 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str
     owned = sum(row["bytes"] for row in rows)
     return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: effects</title>'
             f"<style>{STYLE}</style></head><body><h1>{title}: what its effects cost</h1>"
-            f"<p>{last['particles']} particles, {sum(segment['steps'] for segment in segments)} steps, "
+            f"<p>Accuracy {html.escape(scene.accuracy)}: {last['particles']} particles, "
+            f"{sum(segment['steps'] for segment in segments)} steps, "
             f"{len(segments)} segments, {scene.numerics.scheme}. These parts hold {owned / 2**20:.2f} of the "
             f"{last['allocated_bytes'] / 2**20:.2f} MiB that Taichi has allocated. The time of an effect's part of the "
             "loop of all effects counts for the solver; the rows of the neighbors are as wide as the effects need; a "

@@ -81,7 +81,8 @@ def write_plots(folder: Path, table: Mapping[str, np.ndarray], metrics: Sequence
                 axes.plot(table[TIME], table[column], marker=marker, label=part.replace("_", " "))
             unit = "" if metric.unit == "1" else f" [{metric.unit}]"
             axes.set(xlabel="simulated time [s]", ylabel=f"{metric.name.replace('_', ' ')}{unit}")
-            axes.set_title(f"{scene.title or scene.name}: {metric.name.replace('_', ' ')}", loc="left", fontsize=12)
+            title = f"{scene.title or scene.name} ({scene.accuracy}): {metric.name.replace('_', ' ')}"
+            axes.set_title(title, loc="left", fontsize=12)
             axes.grid(alpha=0.3)
             axes.margins(x=0.02)
             axes.ticklabel_format(axis="y", useOffset=False)

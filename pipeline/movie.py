@@ -13,6 +13,7 @@ from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import replacing
 from pipeline.progress import progress
+from pipeline.threads import library_threads
 
 QUALITY = 18            # constant rate factor of x264: visually without loss
 
@@ -82,7 +83,8 @@ def encoder(path: Path, size: tuple[int, int], fps: float, name: Path) -> Iterat
 
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
                "-s", f"{size[0]}x{size[1]}", "-r", str(fps), "-i", "-", "-an", "-c:v", "libx264",
-               "-pix_fmt", "yuv420p", "-crf", str(QUALITY), "-movflags", "+faststart", str(path)]
+               "-threads", str(library_threads()), "-pix_fmt", "yuv420p", "-crf", str(QUALITY),
+               "-movflags", "+faststart", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as ffmpeg:
         try:
             yield ffmpeg.stdin.write

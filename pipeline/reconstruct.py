@@ -15,6 +15,7 @@ from pipeline.initial import load_initial
 from pipeline.liquid_surface import LiquidSurface, Reconstructor
 from pipeline.progress import progress
 from pipeline.surface_files import surface_path, write_copy, write_section, write_surface
+from pipeline.threads import checked_threads
 
 LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
 
@@ -73,17 +74,18 @@ def main(arguments: list[str] | None = None) -> None:
                         help="folder to write: a .vtp per liquid, a section and a .json with volumes per frame")
     parser.add_argument("--format", action="append", default=[], choices=("ply", "stl"),
                         help="write each surface in this format too (default: `output.formats` of the scene)")
-    parser.add_argument("--threads", type=int, default=0, metavar="N", help="threads of the field (default: all cores)")
+    parser.add_argument("--threads", type=int, default=0, metavar="N",
+                        help="threads of the field (default 0: as many as are useful)")
     options = parser.parse_args(arguments)
 
     from pipeline.scene import load_resolved
     from sim.runtime import initialize
 
-    scene = load_resolved(options.scene)
+    scene, threads = load_resolved(options.scene), checked_threads(options.threads, "--threads")
     if options.format and scene.dimension == 2:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
-    initialize("f32", options.threads)
+    initialize("f32", threads)
     reconstructor = Reconstructor(
         load_initial(options.initial), len(scene.liquids), cell_ratio=scene.output.cell_ratio,
         method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations,

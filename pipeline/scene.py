@@ -3,6 +3,7 @@ import argparse
 import dataclasses
 import json
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from sim.settings import Numerics
 
 __all__ = ["Scene", "load_resolved", "load_scene"]
 
+LEVEL_NAME = r"[A-Za-z0-9_-]+"
 PROJECT_CONFIG = Path(__file__).parents[1] / "config"
 
 
@@ -150,6 +152,10 @@ def load_accuracy_levels(path: Path) -> dict[str, Numerics]:
     errors = Errors(path)
     reader = Reader(errors)
     levels = {name: reader.record(Numerics, data, (name,)) for name, data in read_yaml(path).items()}
+    for name in levels:
+        if not re.fullmatch(LEVEL_NAME, name):
+            errors.add((name,), "is no name for a level: its results get a folder of that name, so it must be made of "
+                                "letters, digits, _ and -")
     errors.raise_any()
     return levels
 

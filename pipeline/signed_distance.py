@@ -9,6 +9,8 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
 
+from pipeline.threads import library_threads
+
 CANDIDATES = 4          # triangles tried per node, nearest centers first: right to 0.005 spacings (6: 0.001)
 CHUNK = 200_000         # nodes per batch, keeps the arrays of the batch near 100 MB
 # A domain of D dimensions has arrays of shape (..., D); D is 2 or 3.
@@ -130,7 +132,7 @@ def distance_to_triangles(mesh: trimesh.Trimesh, points: np.ndarray, longest_edg
     distances = np.empty(len(points))
     for start in range(0, len(points), CHUNK):
         batch = points[start:start + CHUNK]
-        _, nearest = tree.query(batch, k=min(CANDIDATES, len(faces)), workers=-1)
+        _, nearest = tree.query(batch, k=min(CANDIDATES, len(faces)), workers=library_threads())
         nearest = nearest.reshape(len(batch), -1)
         squared = np.full(len(batch), np.inf)
         for column in nearest.T:

@@ -19,6 +19,7 @@ from pipeline.initial import load_initial
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 from pipeline.scene_model import Block
+from pipeline.threads import chosen_threads
 
 MORE_ROOM, MOST_ROOM = 1.5, 12.0  # growth of the room for neighbors where it is full; over that at rest, at most
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
@@ -347,7 +348,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--frames", type=Path, required=True, help="folder of frames to write")
     p.add_argument("--checkpoint", type=Path, required=True, help="checkpoint to write at the end")
     p.add_argument("--costs", type=Path, metavar="FILE.json", help="what every effect has cost (default: not written)")
-    p.add_argument("--threads", type=int, help="threads of the solver (default: numerics.threads of the scene)")
+    p.add_argument("--threads", type=int, metavar="N",
+                   help="threads of the solver, 0 for as many as are useful (default: numerics.threads of the scene)")
     return p
 
 
@@ -355,6 +357,7 @@ def main() -> None:
     """Run one segment."""
     arguments = parser().parse_args()
     scene = load_resolved(arguments.scene)
+    threads = chosen_threads(arguments.threads, scene, arguments.scene)
     if not 0 <= arguments.segment < scene.segment_count:
         last = scene.segment_count - 1
         raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {last}")
@@ -367,7 +370,7 @@ def main() -> None:
     from sim.costs import counted_launches
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, scene.numerics.threads if arguments.threads is None else arguments.threads)
+    initialize(scene.numerics.precision, threads)
     rebuild = functools.partial(build_solver, scene, initial)
     try:
         solver = rebuild()

@@ -14,18 +14,24 @@ from pipeline.files import replacing_folder
 from pipeline.study_model import Outcome
 from pipeline.study_plan import Case, load_study, study_names
 from pipeline.study_report import write_study
+from pipeline.threads import checked_threads
 
 OUTPUTS = Path("outputs/studies")
 
 
-def run_case(case: Case) -> Outcome:
-    """Run one case and return what it measured, every row with the seconds it took."""
+def run_case(case: Case, threads: int = 0) -> Outcome:
+    """Run one case and return what it measured, every row with the seconds it took.
+
+    Parameters
+    ----------
+    threads : of the solver, 0 for as many as are useful.
+    """
     from sim.runtime import initialize
 
     # A reference is compared with: rounding must not be what is measured, unless a case asks for that.
-    initialize(getattr(case.parameters, "precision", "f64"))
+    initialize(getattr(case.parameters, "precision", "f64"), threads)
     begin = time.perf_counter()
-    outcome = case.family.run(case.parameters)
+    outcome = case.run()
     outcome.case = case.name
     print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
     return outcome
@@ -40,6 +46,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
     p.add_argument("--output", type=Path, metavar="DIR",
                    help="folder to write (default outputs/studies/<study>, of a case cases/<case> in it)")
+    p.add_argument("--threads", type=int, default=0, metavar="N",
+                   help="threads of the solver (default 0: as many as are useful)")
     p.add_argument("--list", action="store_true", help="print the names of the cases and stop")
     return p
 
@@ -47,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Run a study or one of its cases."""
     arguments = parser().parse_args()
+    threads = checked_threads(arguments.threads, "--threads")
     study = load_study(arguments.study, arguments.accuracy)
     if arguments.list:
         print("\n".join(study.cases))
@@ -54,16 +63,16 @@ def main() -> None:
     folder = OUTPUTS / study.name
     if arguments.case:
         target = arguments.output or folder / "cases" / arguments.case
-        _run_into(study.case(arguments.case), target)
+        _run_into(study.case(arguments.case), target, threads)
         return
     folder = arguments.output or folder
     for case in study.cases.values():
-        _run_into(case, folder / "cases" / case.name)
+        _run_into(case, folder / "cases" / case.name, threads)
     write_study(study, [folder / "cases" / name for name in study.cases], folder)
 
 
-def _run_into(case: Case, folder: Path) -> None:
-    outcome = run_case(case)
+def _run_into(case: Case, folder: Path, threads: int) -> None:
+    outcome = run_case(case, threads)
     with replacing_folder(folder) as partial:
         outcome.write(partial)
 

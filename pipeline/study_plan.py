@@ -13,8 +13,10 @@ from pipeline.digest import call_digest
 from pipeline.errors import UserError
 from pipeline.scene_files import read_yaml
 from pipeline.scene_reader import Errors, Reader, describe, nearest
+from pipeline.study_model import Outcome
 
 STUDIES = Path("config/studies")
+OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
 FAMILIES = Path(__file__).with_name("studies")
 KEYS = ("title", "description", "cases", "report")
@@ -23,15 +25,22 @@ REPORTS = ("curves", "tradeoff")  # figures of the families, or `pipeline.tradeo
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One case: the family (a module of ``pipeline.studies``) and its parameters."""
+    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of the scenes it reads."""
 
     name: str
     family: types.ModuleType
     parameters: Any
+    accuracy: str
 
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the scenes whose results the case reads."""
-        return tuple(self.family.scenes(self.parameters)) if hasattr(self.family, "scenes") else ()
+    def folders(self) -> dict[str, Path]:
+        """Scenes whose results the case reads, and where these are."""
+        names = self.family.scenes(self.parameters) if hasattr(self.family, "scenes") else ()
+        return {name: OUTPUTS / name / self.accuracy for name in names}
+
+    def run(self) -> Outcome:
+        """Run the case; a family with ``scenes`` gets the folders of their results too."""
+        folders = self.folders()
+        return self.family.run(self.parameters, folders) if folders else self.family.run(self.parameters)
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -173,7 +182,7 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
         case = "-".join([name, *(f"{value:g}" if isinstance(value, float) else f"{value}" for value in values)])
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
-        cases[case] = Case(case, family, one)
+        cases[case] = Case(case, family, one, level.accuracy)
     return cases
 
 

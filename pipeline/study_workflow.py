@@ -3,6 +3,7 @@ from pipeline.digest import stage_digest
 from pipeline.errors import UserError
 from pipeline.study_plan import Study, cached_study, study_names
 from pipeline.workflow import OUTPUTS, Workflow, stop
+from sim.cores import USEFUL_THREADS, available_cores
 
 
 class Studies:
@@ -43,15 +44,30 @@ class Studies:
             return []
 
     def inputs(self, name: str, case: str) -> list[str]:
-        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for."""
+        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for.
+
+        They are those of the study's own accuracy level.
+        """
         files, asked = [], self._case(name, case)
-        for scene in asked.inputs():
-            folder = f"{OUTPUTS}/{scene}"
+        for scene, folder in asked.folders().items():
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
             files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
             files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
-                      for segment in self._flow.segments(scene)]
+                      for segment in self._flow.segments(scene, asked.accuracy)]
         return files
+
+    def threads(self, name: str, case: str, cores: int) -> int:
+        """Return how many threads a case gets where Snakemake has a number of cores.
+
+        The cases of a study share the cores: many run side by side, a few get several each. What only reads the results
+        of scenes needs one.
+        """
+        asked, cases = self._case(name, case), self.study(name).cases.values()
+        if asked.folders():
+            return 1
+        cores = min(cores, available_cores())
+        share = min(cores // sum(not one.folders() for one in cases), USEFUL_THREADS)
+        return min(max(getattr(asked.family, "THREADS", 1), share), cores)
 
     def depends(self, name: str, case: str) -> str:
         """Return a parameter that changes when the outcome of a case may change."""
@@ -60,7 +76,7 @@ class Studies:
     def report_depends(self, name: str) -> str:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name)
-        return f"{stage_digest('study_report')} {study.title} {study.description} {study.figures()}"
+        return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
 
     def _case(self, name: str, case: str):
         try:

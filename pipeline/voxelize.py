@@ -1,5 +1,6 @@
 """Stage: from the surface of the cavity to liquid particles, wall particles and a signed distance grid."""
 import argparse
+import dataclasses
 import json
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from pipeline.lattice import deepest_points
 from pipeline.scene import load_resolved
 from pipeline.scene_model import Scene
 from pipeline.signed_distance import SignedDistance, distance_of_mesh, distance_to_triangles
+from pipeline.threads import chosen_threads, library_threads
 from pipeline.wall_layers import wall_layers
 from sim.packing import pack
 from sim.runtime import initialize
@@ -112,7 +114,7 @@ def report_of(arrays: dict[str, np.ndarray], mesh: trimesh.Trimesh, compression:
 
 def nearest_distances(points: np.ndarray) -> np.ndarray:
     """Distance (n,) from each point (n, D) to its nearest neighbor."""
-    return cKDTree(points).query(points, k=2, workers=-1)[0][:, 1]
+    return cKDTree(points).query(points, k=2, workers=library_threads())[0][:, 1]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -122,9 +124,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("mesh", type=Path, help="surface of the cavity (eye.vtp); a container is known without it")
     parser.add_argument("--output", type=Path, required=True, help="arrays to write (initial.npz)")
     parser.add_argument("--report", type=Path, required=True, help="report to write (voxelize.json)")
+    parser.add_argument("--threads", type=int, metavar="N", help="threads of the packing, 0 for as many as are useful "
+                                                                 "(default: numerics.threads of the scene)")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
     scene = load_resolved(options.scene)
+    threads = chosen_threads(options.threads, scene, options.scene)
+    scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, threads=threads))
     if scene.container is None:
         arrays, report = voxelize(scene, read_mesh(options.mesh), str(options.scene))
         filled = f"{100 * report['relative_volume_error']:+.2f} % of the mesh"

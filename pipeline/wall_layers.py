@@ -4,6 +4,7 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 from pipeline.signed_distance import SignedDistance
+from pipeline.threads import library_threads
 
 NEIGHBORS = 9           # nearest points that repel; on an even surface 6 touch
 REACH = 1.3             # range of the repulsion in spacings; the distance in a hexagonal layer is 1.07
@@ -45,7 +46,7 @@ def even_points(distance: SignedDistance, level: float, spacing: float) -> np.nd
     points = equal_area_points(distance, level, spacing)
     for sweep in range(SWEEPS):
         if sweep % 4 == 0:
-            _, neighbors = cKDTree(points).query(points, k=min(NEIGHBORS + 1, len(points)), workers=-1)
+            _, neighbors = cKDTree(points).query(points, k=min(NEIGHBORS + 1, len(points)), workers=library_threads())
         separation = points[:, None] - points[neighbors[:, 1:]]
         length = np.maximum(np.linalg.norm(separation, axis=-1), 1e-6 * spacing)
         strength = STEP * np.clip(1.0 - length / (REACH * spacing), 0.0, None) ** 2

@@ -3,6 +3,7 @@ import fcntl
 import functools
 import hashlib
 import os
+import re
 import sys
 import tempfile
 import time
@@ -14,10 +15,15 @@ from pipeline.cli import describe, reason
 from pipeline.digest import stage_digest
 from pipeline.errors import UserError
 from pipeline.files import remove_left_over, write_text
-from pipeline.scene import load_scene
+from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.scene_model import Scene
+from pipeline.scene_reader import describe as shown
+from pipeline.scene_reader import nearest
+from pipeline.threads import chosen_threads
+from sim.cores import USEFUL_THREADS, available_cores
 
 SCENES = Path("config/scenes")
+LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy")
 
@@ -40,12 +46,28 @@ def probe(folder: Path) -> None:
         stop(f"{folder}: this folder cannot be written ({reason(error)})")
 
 
+def _read(load, *arguments):
+    """What ``load`` returns; its errors end Snakemake with one sentence for each."""
+    try:
+        return load(*arguments)
+    except UserError as error:
+        stop(*error.messages)
+    except OSError as error:
+        stop(describe(error))
+
+
 class Workflow:
     """The scenes of one call of Snakemake.
 
     Parameters
     ----------
     config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
+
+    Attributes
+    ----------
+    names : scenes that ``all`` makes.
+    levels : names of all accuracy levels; each has a folder of its own in that of a scene.
+    accuracy : level at which ``all`` and the studies are made.
     """
 
     def __init__(self, config: Mapping[str, object]):
@@ -56,47 +78,92 @@ class Workflow:
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
         probe(Path(".snakemake"))  # Snakemake's own notes: without them it ends with a traceback
-        self.accuracy = config.get("accuracy")
         self.names = list(dict.fromkeys(names))
-        self._scenes: dict[str, Scene] = {}
+        self.levels = tuple(_read(load_accuracy_levels, LEVELS))
+        self.accuracy = config.get("accuracy")
+        if self.accuracy not in self.levels:
+            stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
+                 f"{nearest(self.accuracy, self.levels)}")
+        self._scenes: dict[tuple[str, str], Scene] = {}
 
-    def scene(self, name: str) -> Scene:
-        """Return a scene by name; a scene with errors ends Snakemake with one sentence for each."""
-        if name not in self._scenes:
-            try:
-                self._scenes[name] = load_scene(SCENES / f"{name}.yaml", self.accuracy)
-            except UserError as error:
-                stop(*error.messages)
-            except OSError as error:
-                stop(describe(error))
-        return self._scenes[name]
+    @property
+    def any_level(self) -> str:
+        """Regular expression of the names of all levels."""
+        return "|".join(map(re.escape, self.levels))
 
-    def segments(self, name: str) -> list[str]:
+    def scene(self, name: str, level: str) -> Scene:
+        """Return a scene at an accuracy level; a scene with errors ends Snakemake with one sentence for each."""
+        if (name, level) not in self._scenes:
+            path = SCENES / f"{name}.yaml"
+            scene = self._scenes[name, level] = _read(load_scene, path, level)
+            _read(chosen_threads, None, scene, path)
+        return self._scenes[name, level]
+
+    def threads(self, name: str, level: str, cores: int) -> int:
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
+
+        The number is the scene's or, where it leaves that open, all cores, of which the third and more leave one for
+        drawing: with two, drawing takes less time than the simulation would lose, and waits for it.
+        """
+        cores = min(cores, available_cores())
+        asked = self.scene(name, level).numerics.threads
+        return min(asked or min(cores if cores <= 2 else cores - 1, USEFUL_THREADS), cores)
+
+    def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""
-        return [f"{segment:03d}" for segment in range(self.scene(name).segment_count)]
+        return [f"{segment:03d}" for segment in range(self.scene(name, level).segment_count)]
 
-    def start(self, name: str, segment: str) -> list[str]:
+    def start(self, name: str, level: str, segment: str) -> list[str]:
         """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""
-        if segment not in self.segments(name):
-            stop(f"{name} has no segment {segment}; its segments are {', '.join(self.segments(name))}")
+        segments = self.segments(name, level)
+        if segment not in segments:
+            stop(f"{name} has no segment {segment}; its segments are {', '.join(segments)}")
         if int(segment):
-            return [f"{OUTPUTS}/{name}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
-        earlier = self.scene(name).start_from
-        return [f"{OUTPUTS}/{earlier}/checkpoints/segment_{self.segments(earlier)[-1]}.npz"] if earlier else []
+            return [f"{OUTPUTS}/{name}/{level}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
+        earlier = self.scene(name, level).start_from
+        if not earlier:
+            return []
+        return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{self.segments(earlier, level)[-1]}.npz"]
 
-    def mesh(self, name: str) -> list[str]:
+    def mesh(self, name: str, level: str) -> list[str]:
         """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
-        eye = self.scene(name).eye
+        eye = self.scene(name, level).eye
         return [eye.path] if eye is not None and eye.path else []
+
+    def compared(self, name: str, level: str, other: str) -> list[str]:
+        """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
+        if level == other:
+            stop(f"{OUTPUTS}/{name}/compare_{level}_{other}: compares {level} with itself; name two of "
+                 f"{', '.join(self.levels)}")
+        files = []
+        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in (level, other)):
+            files += [f"{folder}/metrics.csv", *(f"{folder}/images/segment_{segment}" for segment in segments),
+                      *(f"{folder}/costs/segment_{segment}.json" for segment in segments)]
+        return files
+
+    def refuse(self, name: str, rest: str) -> NoReturn:
+        """End Snakemake with the path to ask for: a file of a scene was asked for without an accuracy level."""
+        self.scene(name, self.accuracy)  # an unknown scene has a sentence of its own
+        folder, levels = f"{OUTPUTS}/{name}", ", ".join(self.levels)
+        first, _, after = rest.partition("/")
+        meant = nearest(first, self.levels) if after else ""
+        if first.startswith("compare_"):
+            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
+        if rest in self.levels:
+            stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/movie.mp4")
+        if meant:
+            stop(f'{folder}/{rest}: no accuracy level is called "{first}"{meant}; there are {levels}')
+        stop(f"{folder}/{rest}: every accuracy level has a folder of its own ({levels}); ask for "
+             f"{folder}/{self.accuracy}/{rest}")
 
     def depends(self, stage: str):
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
-        digest = functools.cache(lambda name: stage_digest(stage, self.scene(name)))
+        digest = functools.cache(lambda name, level: stage_digest(stage, self.scene(name, level)))
 
         def parameter(wildcards) -> str:
-            segment = getattr(wildcards, "segment", None)
-            frames = self.scene(wildcards.scene).frames_of_segment(int(segment)) if segment else ""
-            return f"{digest(wildcards.scene)} {frames}".strip()
+            name, level, segment = wildcards.scene, wildcards.level, getattr(wildcards, "segment", None)
+            frames = self.scene(name, level).frames_of_segment(int(segment)) if segment else ""
+            return f"{digest(name, level)} {frames}".strip()
         return parameter
 
     @staticmethod
@@ -126,17 +193,19 @@ class Workflow:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
-        for name, scene in self._scenes.items():
-            folder = OUTPUTS / name
+        for folder in {OUTPUTS / name for name, _ in self._scenes}:
+            if folder.is_dir():
+                remove_left_over(folder)
+        for (name, level), scene in self._scenes.items():
+            folder = OUTPUTS / name / level
             if folder.is_dir():
                 probe(folder)
-                remove_left_over(folder)
             if (folder / "scene.json").is_file():
                 write_text(folder / "scene.json", scene.to_json())
 
     def repeat_errors(self) -> None:
         """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
-        for log in sorted([*OUTPUTS.glob("*/logs/*.log"), *OUTPUTS.glob("studies/*/logs/*.log")]):
+        for log in sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log")):
             if log.stat().st_mtime >= self._begin:
                 for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
                     if line.startswith("error: "):

@@ -16,9 +16,10 @@ rule study_case:
         case=r"[A-Za-z0-9_.-]+",
     log: "outputs/studies/{study}/logs/{case}.log",
     message: "{wildcards.study}: run {wildcards.case}",
+    threads: lambda w: studies.threads(w.study, w.case, workflow.cores)
     shell:
         "python -m pipeline.study {wildcards.study} --case {wildcards.case} --accuracy {flow.accuracy}"
-        " --output {output} 2>&1 | tee {log}"
+        " --threads {threads} --output {output} 2>&1 | tee {log}"
 
 
 for name in studies.names:

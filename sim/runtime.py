@@ -1,9 +1,10 @@
 """Start of Taichi, once per process."""
 import contextlib
-import os
 
 import numpy as np
 import taichi as ti
+
+from sim.cores import useful_threads
 
 _started: dict[str, object] = {}
 
@@ -14,14 +15,14 @@ def initialize(precision: str = "f32", threads: int = 0) -> None:
     Parameters
     ----------
     precision : "f32" or "f64", the type of every real field and literal.
-    threads : number of worker threads, 0 for every core.
+    threads : number of worker threads; 0 for as many as Taichi runs with already, else as many as are useful here.
 
     Raises
     ------
     RuntimeError
         When Taichi already runs with other arguments: one process has one precision and one thread count.
     """
-    wanted = {"precision": precision, "threads": threads or os.cpu_count()}
+    wanted = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads()}
     if _started:
         if _started != wanted:
             raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")

@@ -50,9 +50,9 @@ class Project:
             copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
             copy(ROOT / name, folder / name)
 
-    def outputs(self, scene: str) -> Path:
-        """Return the folder of a scene's results."""
-        return self.folder / "outputs" / scene
+    def outputs(self, scene: str, level: str = "draft") -> Path:
+        """Return the folder of a scene's results at an accuracy level."""
+        return self.folder / "outputs" / scene / level
 
     def write_scene(self, name: str, text: str) -> None:
         """Add or replace a scene."""

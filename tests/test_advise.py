@@ -393,6 +393,6 @@ def test_simulation_prints_the_advice_first(scene, tmp_path):
 
 
 def test_advice_is_a_target_of_the_workflow(project):
-    code, output = project.snakemake("-n", "outputs/tiny/advice.html")
+    code, output = project.snakemake("-n", "outputs/tiny/draft/advice.html")
     assert code == 0, output
     assert "advise" in output and "simulate" not in output

@@ -83,7 +83,7 @@ def test_left_over_of_killed_processes_is_removed(tmp_path):
 def test_snakemake_repeats_the_sentence_at_the_end(project):
     (project.folder / "config/scenes/eye.stl").write_text("solid nothing")
     project.write_scene("broken", "extends: tiny\neye: {model: mesh, path: eye.stl}\n")
-    code, output = project.snakemake("outputs/broken/eye.vtp")
+    code, output = project.snakemake("outputs/broken/draft/eye.vtp")
     assert code == 1 and "Traceback" not in output
     sentence = "error: config/scenes/eye.stl (eye.path): holds no triangles"
     assert output.count(sentence) == 2 and output.rfind(sentence) > output.rfind("Error in rule eye")
@@ -91,5 +91,5 @@ def test_snakemake_repeats_the_sentence_at_the_end(project):
 
 def test_scene_with_a_hyphen_can_be_planned(project):
     project.write_scene("my-eye", "extends: tiny\n")
-    code, output = project.snakemake("-n", "outputs/my-eye/movie.mp4")
+    code, output = project.snakemake("-n", "outputs/my-eye/draft/movie.mp4")
     assert code == 0, output

@@ -53,19 +53,17 @@ def test_advisor_is_asked_about_the_scene_with_all_effects():
     assert not matters and sentence.startswith("cannot be seen")
 
 
-def test_cost_and_change_of_an_effect(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_cost_and_change_of_an_effect():
     scene = load_scene(ROOT / "config" / "scenes" / "effects_emulsion.yaml", "draft")
-    (tmp_path / "outputs" / scene.name).mkdir(parents=True)
-    np.savez(tmp_path / "outputs" / scene.name / "initial.npz", **ball())
-    position = lattice()
+    position, volume = lattice(), float(ball()["cavity_volume"])
 
     def made(name, seconds, height):
         costs = {"drift": {"cpu_seconds": "1", "cpu_share": "0.1", "bytes": str(2**20), "kernels": "3",
                            "launches_per_step": "4"},
                  "solver": {"cpu_seconds": str(seconds - 1.0), "launches_per_step": "5"}}
         frame = frame_of(position, oil_fraction(position, height=height))
-        return Run(dataclasses.replace(scene, name=name), frame, None, {}, costs, {"fill": (50.0 + seconds, "%")})
+        numbers = {"fill": (50.0 + seconds, "%")}
+        return Run(dataclasses.replace(scene, name=name), volume, frame, None, {}, costs, numbers)
 
     rows, remark, caption = compared(made(scene.name, 10.0, 0.0), made(f"{scene.name}{OFF}drift", 8.0, 0.0), "drift",
                                      "silicone_oil_1000")

@@ -346,6 +346,9 @@ def test_errors_of_the_configuration(write, config):
     (config / "accuracy.yaml").write_text("draft: {scheme: isph}")
     assert [message.split(": ", 1)[1].split(" is ")[0] for message in errors_of(path)] == [
         "draft.particle_spacing", "draft.scheme"]
+    (config / "accuracy.yaml").write_text("draft: {particle_spacing: 1 mm}\nvery/fine: {particle_spacing: 0.1 mm}")
+    message, = errors_of(path)
+    assert "very/fine is no name for a level" in message
     (config / "materials.yaml").write_text("aqueous: {density: 5 cSt, dynamic_viscosity: 1 cSt}")
     assert [message.split(": ", 1)[1] for message in errors_of(path)] == [
         'aqueous.density is "5 cSt", but must be in kg/m3 (rest density)']

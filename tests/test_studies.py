@@ -74,6 +74,13 @@ def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
     assert all(case.digest() for case in study.cases.values())
 
 
+def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    case, = load_study("ink_drop_study", "standard").cases.values()
+    assert {str(folder) for folder in case.folders().values()} == {
+        f"outputs/{name}/standard" for name in ("ink_drop", "ink_drop_0003", "ink_drop_0005")}
+
+
 def test_cases_are_all_combinations_named_by_what_differs(write):
     write(SMALL)
     study = load_study("small", "standard")
@@ -136,5 +143,5 @@ def test_broken_study_stops_only_those_who_ask_for_it(project, write):
     write("cases: {}")
     code, output = project.snakemake("-n", "small")
     assert code == 2 and "error: config/studies/small.yaml: cases is empty" in output and TRACE not in output
-    code, output = project.snakemake("-n", "outputs/tiny/scene.json")
+    code, output = project.snakemake("-n", "outputs/tiny/draft/scene.json")
     assert code == 0, output

@@ -35,7 +35,7 @@ def test_every_scene_can_be_planned(project, accuracy):
 
 
 def test_any_scene_is_reached_by_its_output(project):
-    code, output = project.snakemake("-n", "outputs/tiny/movie.mp4")
+    code, output = project.snakemake("-n", "outputs/tiny/draft/movie.mp4")
     assert code == 0, output
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     plan = planned(output)
@@ -45,16 +45,46 @@ def test_any_scene_is_reached_by_its_output(project):
 
 def test_a_scene_can_start_from_the_end_of_another(project):
     project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
-    code, output = project.snakemake("-n", "outputs/after/frames/frames.pvd")
+    code, output = project.snakemake("-n", "outputs/after/draft/frames/frames.pvd")
     assert code == 0, output
     tiny = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     assert planned(output)["simulate"] == 2 * tiny.segment_count
 
 
+def test_start_is_the_same_level_of_the_other_scene(project):
+    project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
+    code, output = project.snakemake("-n", "outputs/after/standard/checkpoints/segment_000.npz")
+    assert code == 0, output
+    assert "tiny at standard: simulate segment 001" in output and "at draft" not in output
+
+
+def test_levels_of_a_scene_stand_side_by_side(project):
+    levels = {}
+    for level in ("draft", "standard"):
+        code, output = project.snakemake(f"outputs/tiny/{level}/eye.vtp")
+        assert code == 0, output
+        levels[level] = {path: path.stat().st_mtime_ns for path in project.outputs("tiny", level).rglob("*.vtp")}
+        assert f'"accuracy": "{level}"' in (project.outputs("tiny", level) / "scene.json").read_text()
+    code, output = project.snakemake("outputs/tiny/draft/eye.vtp", "--config", "accuracy=fine")
+    assert code == 0 and "Nothing to be done" in output, output
+    assert all(path.stat().st_mtime_ns == date for dates in levels.values() for path, date in dates.items())
+
+
+def test_configured_level_is_that_of_all(project):
+    code, output = project.snakemake("-n", "all", "--config", "scenes=[tiny]", "accuracy=fine")
+    assert code == 0, output
+    assert "outputs/tiny/fine/movie.mp4" in output and "at draft" not in output
+
+
 # Wrong input
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
-    (["outputs/tinny/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
+    (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
+    (["outputs/tiny/movie.mp4"], "outputs/tiny/movie.mp4: every accuracy level has a folder of its own (draft, "
+                                 "standard, fine); ask for outputs/tiny/draft/movie.mp4"),
+    (["outputs/tiny/frames/frames.pvd", "--config", "accuracy=fine"], "ask for outputs/tiny/fine/frames/frames.pvd"),
+    (["outputs/tiny/finest/movie.mp4"], 'no accuracy level is called "finest" (did you mean fine?)'),
+    (["outputs/tiny/draft"], "ask for a file in it, such as outputs/tiny/draft/movie.mp4"),
     (["all", "--config", "scenes=[tinny]"], "tinny.yaml: no such file"),
     (["all", "--config", "scenes=tiny"], "scenes is 'tiny', but must be a list"),
     (["all", "--config", "accuracy=finest"], 'accuracy is "finest", but must be one of draft, standard, fine'),
@@ -68,7 +98,7 @@ def test_wrong_request_ends_with_a_sentence(project, arguments, sentence):
 
 def test_scene_with_errors_ends_with_all_of_them(project):
     project.write_scene("wrong", "extends: tiny\neffects: {injection: {fill: 101 %}}\noutput: {duratoin: 1 s}\n")
-    code, output = project.snakemake("outputs/wrong/movie.mp4")
+    code, output = project.snakemake("outputs/wrong/draft/movie.mp4")
     assert code == 2
     assert "fill" in output and "duratoin" in output and TRACE not in output
     assert not project.outputs("wrong").exists()
@@ -76,7 +106,7 @@ def test_scene_with_errors_ends_with_all_of_them(project):
 
 def test_outputs_that_cannot_be_written_end_with_a_sentence(project):
     (project.folder / "outputs").write_text("a file")
-    code, output = project.snakemake("outputs/tiny/scene.json")
+    code, output = project.snakemake("outputs/tiny/draft/scene.json")
     assert code == 2
     assert "error: outputs: this folder cannot be written" in output and TRACE not in output
 
@@ -141,7 +171,7 @@ def finished(tmp_path_factory, can_draw):
 def targets(can_draw):
     """Return what to make of `tiny`; pictures only where they can be drawn."""
     names = ["metrics.csv", "effects.html", "frames/frames.pvd", "surfaces/segment_000", "surfaces/segment_001"]
-    return [f"outputs/tiny/{name}" for name in names + ["movie.mp4"] * can_draw]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4"] * can_draw]
 
 
 def test_tiny_scene_makes_everything(finished, can_draw):
@@ -189,7 +219,7 @@ def test_longer_scene_keeps_what_it_has(finished):
     before = scene.read_text()
     try:
         scene.write_text(before.replace("duration: 0.2 s", "duration: 0.4 s"))
-        code, output = finished.snakemake("-n", "outputs/tiny/frames/frames.pvd")
+        code, output = finished.snakemake("-n", "outputs/tiny/draft/frames/frames.pvd")
     finally:
         scene.write_text(before)
     assert code == 0, output
@@ -198,11 +228,11 @@ def test_longer_scene_keeps_what_it_has(finished):
 
 def test_resolved_scene_follows_its_file(project):
     resolved = project.outputs("tiny") / "scene.json"
-    project.snakemake("outputs/tiny/eye.vtp")
+    project.snakemake("outputs/tiny/draft/eye.vtp")
     assert '"title": "Tiny tamponade"' in resolved.read_text()
     date = (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns
     project.write_scene("tiny", (project.folder / "config/scenes/tiny.yaml").read_text().replace("Tiny", "Small"))
-    code, output = project.snakemake("outputs/tiny/initial.npz")
+    code, output = project.snakemake("outputs/tiny/draft/initial.npz")
     assert code == 0, output
     assert '"title": "Small tamponade"' in resolved.read_text()
     assert (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns == date
@@ -232,7 +262,7 @@ def test_report_is_one_page(finished, can_draw):
 
 @pytest.mark.parametrize("victim", ["simulation", "everything"])
 def test_killed_run_goes_on_to_the_same_frames(finished, project, victim):
-    target = "outputs/tiny/frames/frames.pvd"
+    target = "outputs/tiny/draft/frames/frames.pvd"
     first = project.outputs("tiny") / "checkpoints" / "segment_000.npz"
     run = project.start(target)
     wait_for(lambda: first.exists() and pids_of("pipeline.simulate", "--segment 1", project.folder), run)
@@ -255,11 +285,11 @@ def test_killed_run_goes_on_to_the_same_frames(finished, project, victim):
 
 
 def test_second_run_at_the_same_time_is_refused(finished, project):
-    run = project.start("outputs/tiny/frames/frames.pvd")
+    run = project.start("outputs/tiny/draft/frames/frames.pvd")
     log = (project.folder / "snakemake.log").read_text
     wait_for(lambda: "check the scene" in log(), run)
     (project.folder / "first.log").write_text(log())
-    code, output = project.snakemake("outputs/tiny/frames/frames.pvd")
+    code, output = project.snakemake("outputs/tiny/draft/frames/frames.pvd")
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
     assert code == 2

@@ -6,6 +6,7 @@ yolk holds together (Fig. 9). Beside them stands the share of the computing time
 the paper and the text after it name 20 to 30 %.
 """
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ from pipeline.study_model import Outcome, Row
 from sim.parameters import parameter
 
 PICTURES = ("collision_pictures",)
-OUTPUTS = Path("outputs")
 TOUCHING = 1.5      # particles of one liquid closer than this, in spacings, are of one piece
 SMALLEST_PIECE = 5  # particles
 TIME_SHARE = 0.3    # of the collision, at most, in the paper
@@ -59,9 +59,9 @@ class Run:
         return float(wall.mean()), float(sum(one["collision_seconds"] for one in timed) / wall.sum())
 
 
-def run(parameters: Parameters) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Measure every figure, and state for each whether it comes out as in the paper."""
-    runs = {name: _load(name) for name in scenes(parameters)}
+    runs = {name: _load(folders[name]) for name in scenes(parameters)}
     outcome = Outcome(pictures={PICTURES[0]: _contact_sheet(list(runs.values()), parameters.pictures)})
     for figure, names, rows in (("Fig. 6", parameters.balls, _balls), ("Fig. 7", parameters.bars, _bars),
                                 ("Fig. 8", parameters.disks, _disks), ("Fig. 9", parameters.eggs, _eggs)):
@@ -78,8 +78,7 @@ def run(parameters: Parameters) -> Outcome:
     return outcome
 
 
-def _load(name: str) -> Run:
-    folder = OUTPUTS / name
+def _load(folder: Path) -> Run:
     paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
     return Run(load_resolved(folder / "scene.json"), [read_frame(path) for path in paths])
 

@@ -8,6 +8,7 @@ artifact of the interface is a particle whose neighbors are of the other liquid 
 """
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,6 @@ PANEL = 3.0  # width of a picture, in inches
 PICTURES = ("coupling_pictures",)
 OURS = "volume_incompressible"
 SIMILAR = 0.25  # relative difference of computing times that counts as about the same
-OUTPUTS = Path("outputs")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Method:
         return float(self.cpu[self.warm].mean())
 
 
-def run(parameters: Parameters) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Compare the methods and state for every claim of the paper whether it holds here."""
-    methods = [_load(name) for name in parameters.scenes]
+    methods = [_load(folders[name]) for name in parameters.scenes]
     reference = min(parameters.reference_frame, len(methods[0].frame) - 1)
     outcome = Outcome(pictures={PICTURES[0]: _side_by_side(methods, parameters.pictures)})
     for method in methods:
@@ -88,8 +88,7 @@ def run(parameters: Parameters) -> Outcome:
     return outcome
 
 
-def _load(name: str) -> Method:
-    folder = OUTPUTS / name
+def _load(folder: Path) -> Method:
     scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
     segments = [find_frames(segment) for segment in sorted((folder / "frames").glob("segment_*"))]
     paths = [path for segment in segments for path in segment]

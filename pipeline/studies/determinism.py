@@ -29,6 +29,7 @@ VALUES = {
     "viscoelastic": {"liquids": ({"liquid": "oil", "shear_modulus": 100.0, "relaxation_time": 0.1},)},
 }
 NEEDS_FULL_CAVITY = ("injection", "interface_tension")
+THREADS = 2     # of this family's runs, whatever there is: what it compares with one
 DURATION = 0.1  # s, of the comparison of precisions
 
 
@@ -45,7 +46,7 @@ def run(case: Parameters) -> Outcome:
     """Run with two threads and with one, and in single precision."""
     cpu_begin = time.process_time()
     outcome, begin, at = Outcome(), time.perf_counter(), f"[%s, {hard.HEADS[case.cavity]}]"
-    start_taichi("f64", 2)
+    start_taichi("f64", THREADS)
     solver = everything(case)
     active = [effect.name for effect in solver.effects]
     middle, end = stepped(solver, case.steps), stepped(solver, case.steps)

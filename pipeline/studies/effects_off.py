@@ -9,6 +9,7 @@ coverage, interface and speed. Beside it stands what `pipeline.advise` said befo
 import csv
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,6 @@ PICTURES = ("effects_pictures",)
 READS = ("frames", "surfaces", "images", "effects.csv")
 OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
 METRICS = {"wall coverage": ("wall_coverage", "%"), "fill": ("fill", "%"), "rms speed": ("speed_rms", "mm/s")}
-OUTPUTS = Path("outputs")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,9 +54,13 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Results of one scene; `numbers` at the end: name -> (value, unit); `costs`: rows of its table of effects."""
+    """Results of one scene; `numbers` at the end: name -> (value, unit); `costs`: rows of its table of effects.
+
+    ``cavity_volume`` is in m^3 (in two dimensions m^2).
+    """
 
     scene: Scene
+    cavity_volume: float
     frame: FrameData
     picture: Path
     table: dict[str, np.ndarray]
@@ -74,9 +78,9 @@ class Run:
         return sum(float(row["launches_per_step"]) for row in self.costs.values())
 
 
-def run(parameters: Parameters) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Compare every scene that lacks an effect with the one that has all."""
-    runs = {name: _load(name, parameters.liquid) for name in scenes(parameters)}
+    runs = {name: _load(folders[name], parameters.liquid) for name in scenes(parameters)}
     outcome, order = Outcome(), []
     for base in parameters.scenes:
         outcome.rows += _rows_of_base(runs[base])
@@ -110,8 +114,7 @@ def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], 
     own, at = base.costs[effect], {"at": off.scene.name}
     saved = 1.0 - off.seconds / base.seconds
     moved = elsewhere(base.frame, off.frame, base.frame.liquids.index(liquid))
-    with np.load(OUTPUTS / base.scene.name / "initial.npz") as initial:
-        matters, sentence = judgment(base.scene, float(initial["cavity_volume"]), effect)
+    matters, sentence = judgment(base.scene, base.cavity_volume, effect)
     rows = [Row("the advisor says that it matters (1 or 0)", float(matters), **at),
             Row("its own share of the computing time", float(own["cpu_share"]), **at),
             Row("memory of its own", float(own["bytes"]) / 2**20, "MiB", **at),
@@ -148,8 +151,7 @@ def _curves(one: Run, liquid: str) -> list[Curve]:
             Curve("effects_center", label, time, one.table[f"center_of_mass_{liquid}_y [mm]"], "line")]
 
 
-def _load(name: str, liquid: str) -> Run:
-    folder = OUTPUTS / name
+def _load(folder: Path, liquid: str) -> Run:
     scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
     last = find_frames(sorted((folder / "frames").glob("segment_*"))[-1])[-1]
     segment = last.parent.name
@@ -161,7 +163,9 @@ def _load(name: str, liquid: str) -> Run:
                 for axis in "yz"}
     area = measured(surface, scene.numerics.particle_spacing)[1]
     numbers["interface away from the wall"] = (1e6 * area, "mm2")
-    return Run(scene, read_frame(last), folder / "images" / segment / f"{last.stem}.png", table, costs, numbers)
+    with np.load(folder / "initial.npz") as initial:
+        volume = float(initial["cavity_volume"])
+    return Run(scene, volume, read_frame(last), folder / "images" / segment / f"{last.stem}.png", table, costs, numbers)
 
 
 def _side_by_side(order: list[tuple[Run, str]]) -> bytes:

@@ -7,6 +7,7 @@ same everywhere). Both count what is mixed within particles; stirring alone, as 
 """
 import dataclasses
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ FIGURES = (
 PANEL = 3.2  # width of a picture, in inches
 PICTURES = ("ink_drop_pictures",)
 LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
-OUTPUTS = Path("outputs")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +60,9 @@ class Mixture:
         return diffusion.coefficient if diffusion else 0.0
 
 
-def run(parameters: Parameters) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Measure the mixing of every scene, and whether a larger coefficient mixes faster."""
-    mixtures = [_load(name, parameters.ink) for name in parameters.scenes]
+    mixtures = [_load(folders[name], parameters.ink) for name in parameters.scenes]
     outcome = Outcome(pictures={PICTURES[0]: _rows_of_pictures(mixtures, parameters.pictures)})
     for mixture in mixtures:
         at, label = {"at": mixture.scene.name}, f"D_m = {mixture.coefficient:g} m²/s"
@@ -99,8 +99,7 @@ def mixing(fraction: np.ndarray, volume: np.ndarray) -> tuple[float, float]:
             float(share @ entropy(both) / entropy(np.array([mean, 1.0 - mean]))))
 
 
-def _load(name: str, ink: str) -> Mixture:
-    folder = OUTPUTS / name
+def _load(folder: Path, ink: str) -> Mixture:
     paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
     times, measured, volumes = [], [], []
     for path in paths:

@@ -5,6 +5,7 @@ pi^(1/3) (6 V)^(2/3) / A (1 for a ball, less for oil that the eye flattens or th
 with the aqueous (the part of A that is farther than half a particle spacing from the wall), and the number of bodies.
 """
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ FIGURES = (
 PANEL = 5.0  # width of a picture, in inches
 PICTURES = ("oil_shape_pictures",)
 READS = ("frames", "surfaces", "images")
-OUTPUTS = Path("outputs")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,11 +52,11 @@ class Oil:
     bodies: np.ndarray
 
 
-def run(parameters: Parameters) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Measure the oil of every scene and compare its end with that of the first scene."""
-    oils = [_load(name, liquid) for name, liquid in zip(parameters.scenes, parameters.liquids, strict=True)]
+    oils = [_load(folders[name], liquid) for name, liquid in zip(parameters.scenes, parameters.liquids, strict=True)]
     outcome = Outcome(pictures={PICTURES[0]: _side_by_side(oils, parameters.pictures)})
-    section = np.pi / 4.0 * _diameter(oils[0]) ** 2
+    section = np.pi / 4.0 * _diameter(folders[parameters.scenes[0]]) ** 2
     for oil in oils:
         at = {"at": oil.scene.name}
         outcome.rows += [
@@ -80,14 +80,13 @@ def sphericity(volume: float, area: float) -> float:
     return float(np.pi ** (1.0 / 3.0) * (6.0 * volume) ** (2.0 / 3.0) / area)
 
 
-def _diameter(oil: Oil) -> float:
+def _diameter(folder: Path) -> float:
     """Diameter of the ball that holds as much as the cavity, m."""
-    with np.load(OUTPUTS / oil.scene.name / "initial.npz") as initial:
+    with np.load(folder / "initial.npz") as initial:
         return float((6.0 * initial["cavity_volume"] / np.pi) ** (1.0 / 3.0))
 
 
-def _load(name: str, liquid: str) -> Oil:
-    folder = OUTPUTS / name
+def _load(folder: Path, liquid: str) -> Oil:
     scene = load_resolved(folder / "scene.json")
     rows, pictures = [], []
     for segment in sorted((folder / "frames").glob("segment_*")):

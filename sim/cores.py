@@ -1,0 +1,63 @@
+"""How many cores this process may use."""
+import math
+import os
+from pathlib import Path
+
+# More are not taken unasked: kernels over some 100,000 particles are short, and each waits for its slowest thread.
+USEFUL_THREADS = 16
+
+
+def available_cores() -> int:
+    """Return the cores that this process may use: those it is bound to, or fewer where its container grants fewer."""
+    granted = granted_cores()
+    bound = len(os.sched_getaffinity(0))
+    return bound if math.isinf(granted) else max(1, min(bound, math.ceil(granted)))
+
+
+def useful_threads() -> int:
+    """Return how many threads a solver gets that may use every core."""
+    return min(available_cores(), USEFUL_THREADS)
+
+
+def granted_cores(root: Path = Path("/")) -> float:
+    """Return the share of time that the control groups of this process grant, in cores; infinite without a limit.
+
+    Parameters
+    ----------
+    root : folder in which ``proc`` and ``sys`` are.
+    """
+    try:
+        lines = (root / "proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return math.inf
+    granted = math.inf
+    for line in lines:
+        _, controllers, place = line.split(":", 2)
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        top = root / "sys/fs/cgroup" / ("cpu" if controllers else "")
+        # In a container the place may be that on the host, which is not to be seen: its own group is then at the top.
+        group = top / place.lstrip("/")
+        for folder in (group, *group.parents):
+            granted = min(granted, _granted_first(folder) if controllers else _granted(folder))
+            if folder == top:
+                break
+    return granted
+
+
+def _granted(group: Path) -> float:
+    """Cores that a control group of version 2 grants."""
+    try:
+        quota, period = (group / "cpu.max").read_text().split()
+        return math.inf if quota == "max" else int(quota) / int(period)
+    except (OSError, ValueError, ZeroDivisionError):
+        return math.inf
+
+
+def _granted_first(group: Path) -> float:
+    """Cores that a control group of version 1 grants."""
+    try:
+        quota, period = (int((group / f"cpu.cfs_{name}_us").read_text()) for name in ("quota", "period"))
+        return quota / period if quota > 0 else math.inf
+    except (OSError, ValueError, ZeroDivisionError):
+        return math.inf
