@@ -367,7 +367,7 @@ class Solver:
         arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
                   for f in self.particles.declared.values() if f.carried}
         state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
-                 "largest": self.largest.to_numpy(), **arrays}
+                 "largest_acceleration": self.largest[ACCELERATION], "largest_change": self.largest[CHANGE], **arrays}
         state |= {f"scheme.{key}": value for key, value in self.scheme.state().items()}
         for effect in self.effects:
             state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
@@ -406,7 +406,8 @@ class Solver:
         self.search.sort()  # as the next step would
         self.search.build()
         self.scheme.measure()
-        self.largest.from_numpy(np.asarray(state["largest"]))
+        self.largest[ACCELERATION] = float(state["largest_acceleration"])
+        self.largest[CHANGE] = float(state["largest_change"])
         self._largest_values()
 
     @ti.kernel
