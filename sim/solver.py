@@ -406,6 +406,7 @@ class Solver:
         self.search.sort()  # as the next step would
         self.search.build()
         self.scheme.measure()
+        self.acceleration.fill(0.0)  # what a run that went bad has left
         self.largest[ACCELERATION] = float(state["largest_acceleration"])
         self.largest[CHANGE] = float(state["largest_change"])
         self._largest_values()
