@@ -35,7 +35,7 @@ INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
            "drift", "diffusion", "injection", "contact_line_emulsification",
-           "collision", "viscoelastic"}
+           "collision", "viscoelastic", "xsph"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 

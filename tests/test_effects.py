@@ -35,6 +35,7 @@ ACTIVE = {
     "diffusion": {"coefficient": 1e-5},
     "collision": {},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
+    "xsph": {"coefficient": 0.1, "wall": "free_slip"},
 }
 ZERO = {
     "injection": FLOW | {"start": 1e9},
@@ -50,6 +51,7 @@ ZERO = {
     "diffusion": {"coefficient": 0.0},
     "collision": {"strength": 0.0},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 0.0),)},
+    "xsph": {"coefficient": 0.0},
 }
 EXCHANGES = ("drift", "diffusion")  # carry momentum, but not its moment, from place to place
 THIN, THICK, DROPLETS = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0), Liquid("droplets", 970.0, 3.0)

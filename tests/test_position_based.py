@@ -78,7 +78,7 @@ def test_two_layers_stay_layers():
 
 
 @pytest.mark.parametrize("values", [
-    {}, {"artificial_pressure": 0.1, "xsph": 0.1}, pytest.param({"acceleration": 0.0}, marks=pytest.mark.slow)],
+    {}, {"artificial_pressure": 0.1}, pytest.param({"acceleration": 0.0}, marks=pytest.mark.slow)],
     ids=lambda values: next(iter(values), "default"))
 def test_free_drop_keeps_its_momentum(values):
     """Two liquids 1:2 that meet far from any wall: sum m_i dx_i = 0 to the round-off of double precision."""
@@ -174,6 +174,7 @@ def test_vorticity_confinement_spins_up():
 EFFECTS = {
     "viscosity": {},
     "viscosity_implicit": {},
+    "xsph": {"coefficient": 0.1},
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},
     "adhesion": {"beta": 10.0},
