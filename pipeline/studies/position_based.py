@@ -2,8 +2,8 @@
 
 The paper shows one picture, of particles that stick to walls; of the rest it gives formulas. Honey has a reference: an
 axisymmetric viscous current of constant volume V spreads as R = 0.894 (g V^3/(3 nu))^(1/8) t^(1/8) (Huppert 1982),
-once it is thin. A wide puddle that does not wet the floor is 2 sqrt(sigma/(rho g)) high; the tension of cohesion is known
-roughly only (``sim.effects.cohesion``), so that nothing is asked there. The others are held against each other.
+once it is thin. A wide puddle that does not wet the floor is 2 sqrt(sigma/(rho g)) high; the tension of cohesion is
+known roughly only (``sim.effects.cohesion``), so that nothing is asked there. The others are held against each other.
 """
 import dataclasses
 
@@ -136,8 +136,8 @@ def _wetting(outcome: Outcome, runs: dict[str, Run]) -> None:
         last = each.frames[-1]
         heights[name] = float(positions(last)[:, 1].max()) + 0.5 * last.particle_spacing
         dry = puddle_height(each.scene.effects["cohesion"].tension, each.scene.liquids[0].density)
-        outcome.rows += [compared("height at the end, against a puddle that does not wet", heights[name], dry, None, "m",
-                                  at=name),
+        outcome.rows += [compared("height at the end, against a puddle that does not wet", heights[name], dry, None,
+                                  "m", at=name),
                          Row("radius of the foot at the end", spread(last, 1.5 * last.particle_spacing), "m", at=name)]
     sinks = float(max(np.diff(list(heights.values()))))
     outcome.rows.append(Row("the drop sinks with the adhesion: smallest step, below 0", sinks, "m", at="wetting",
