@@ -68,7 +68,7 @@ def test_liquid_that_moves_as_a_whole_is_not_braked():
     assert (cavities.read(solver, "velocity")[0] == 0.3).all()
 
 
-@pytest.mark.parametrize("values", [{"coefficient": 0.2}, {}])
+@pytest.mark.parametrize("values", [{"coefficient": 0.2}, pytest.param({}, marks=pytest.mark.slow)])
 def test_wall_holds_the_liquid_where_it_does_not_slip(values):
     speed = {}
     for wall in ("no_slip", "free_slip"):
