@@ -10,7 +10,7 @@ density. k is what the pressure jump of drops at rest gives over that, 2.5 to 4.
 particles of both liquids order themselves along the interface. So the tension is known to a third only;
 `interface_tension` is within 2 %. At a free surface they do not, and k is taken as 1: with position-based
 fluids the stresses in a flat slab in 2D add up to 0.97 sigma, and puddles on a floor that does not attract them are as
-high as with 0.9 sigma in 2D (196 particles) and 0.5 sigma in 3D (1500), if they do not wet it at all.
+high as with 0.9 sigma in 2D (196 particles) and 0.8 sigma in 3D (1500), if they do not wet it at all.
 
 Position-based fluids correct what is too dense only, so that nothing but the step holds the pull of what is stretched:
 drops of 200 to 700 particles burst in steps of 1.5 sqrt(rho dx^3/(2 pi sigma)), sigma that of the integral. In steps of
@@ -85,7 +85,7 @@ class Cohesion(Effect):
         area = (numerics.support_ratio * numerics.particle_spacing) ** 2
         return min((LARGEST_STEP * math.sqrt(numerics.particle_spacing**3 / (
             2.0 * math.pi * PLANE[settings.dimension] * gamma * liquid.density * area)) for gamma, liquid in zip(
-                parameters.coefficients(settings), settings.liquids, strict=True) if gamma > 0.0), default=float("inf"))
+                parameters.coefficients(settings), settings.liquids, strict=True) if gamma), default=float("inf"))
 
     def stable_time_step(self) -> float:
         return self.time_step_limit(self.parameters, self.solver.settings)
