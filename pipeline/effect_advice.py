@@ -12,6 +12,7 @@ from pipeline.time_step_limits import Limit
 from sim.effects import REGISTRY
 from sim.effects.contact_line_emulsification import shear_per_distance, volume_per_shear
 from sim.effects.drift import rise_speed
+from sim.effects.xsph import kinematic_viscosity
 from sim.lazy import cheapest
 
 # In particle spacings: what moves, spreads or acts over less than one is lost between neighboring particles.
@@ -35,7 +36,7 @@ INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
            "drift", "diffusion", "injection", "contact_line_emulsification",
-           "collision", "viscoelastic"}
+           "collision", "viscoelastic", "xsph"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
 
@@ -78,7 +79,8 @@ def _strength(scales: Scales, limits: list[Limit]) -> Found:
                               ("drift", "coefficient", "(a pure number)"), ("diffusion", "coefficient", "m2/s"),
                               ("cohesion", "gamma", "N m3/kg2"),
                               ("cohesion", "tension", "N/m"), ("curvature", "gamma", "m/s2"),
-                              ("adhesion", "beta", "N m3/kg2")):
+                              ("adhesion", "beta", "N m3/kg2"),
+                              ("xsph", "coefficient", "(a pure number)")):
         parameters = scales.scene.effects.get(effect)
         jolted = effect == "gravity" and scales.jolts
         if parameters and getattr(parameters, key) == 0.0 and not jolted:
@@ -194,7 +196,9 @@ def _forces_without_unit(scales: Scales, limits: list[Limit]) -> Found:
 
 @_rule
 def _viscosity(scales: Scales, limits: list[Limit]) -> Found:
-    name = next((name for name in ("viscosity", "viscosity_implicit") if name in scales.scene.effects), None)
+    name = next((name for name in ("viscosity", "viscosity_implicit", "xsph") if name in scales.scene.effects), None)
+    if name == "xsph" and scales.scene.effects[name].coefficient is not None:
+        return
     layers = {liquid.name: scales.layer(liquid) for liquid in scales.liquids}
     thickest = max(layers, key=layers.get)
     if scales.speed == 0.0 and scales.scene.start_from is None:
@@ -213,6 +217,16 @@ def _viscosity(scales: Scales, limits: list[Limit]) -> Found:
                 yield Advice(NOTE, name, f"the layer of {liquid} in which it acts is not resolved: "
                                          f"{_times(layer, scales)}")
         yield from _cost_of_viscosity(scales, name, limits)
+
+
+@_rule
+def _xsph(scales: Scales, limits: list[Limit]) -> Found:
+    coefficient = getattr(scales.scene.effects.get("xsph"), "coefficient", None)
+    if coefficient:
+        step = min(limit.value for limit in limits)
+        nu = kinematic_viscosity(coefficient, step, scales.scene.numerics, scales.scene.dimension)
+        yield Advice(NOTE, "xsph", f"its coefficient of {coefficient:g} is a kinematic viscosity of "
+                                   f"{shown(nu, 'm2/s')} in steps of {shown(step, 's')}, more in shorter ones")
 
 
 def _missing_viscosity(scales: Scales, limits: list[Limit], liquid: str) -> Advice:

@@ -26,6 +26,8 @@ Found = Iterator[tuple[Key, str]]
 # Two effects for one physics would act twice.
 CONFLICTS = (
     ("viscosity", "viscosity_implicit", "both apply the shear stress"),
+    ("viscosity", "xsph", "both apply the shear stress"),
+    ("viscosity_implicit", "xsph", "both apply the shear stress"),
     ("interface_tension", "cohesion", "both pull the interface together"),
     ("interface_tension", "curvature", "both pull the interface together"),
     ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),

@@ -4,6 +4,7 @@ Monaghan 1992), normalized in 2D and 3D.
 Every formula carries a single power of 1/h, so that float32 holds at small h.
 """
 import math
+from types import MappingProxyType
 
 import taichi as ti
 
@@ -11,6 +12,8 @@ import taichi as ti
 @ti.data_oriented
 class WendlandC2:
     """W = s (1-q)^4 (4q+1), dW/dr = -(20 s/h) q (1-q)^3; s = 7/(pi h^2) in 2D and 21/(2 pi h^3) in 3D."""
+
+    MOMENT = MappingProxyType({2: 5.0 / 72.0, 3: 1.0 / 15.0})  # integral of x^2 W over h^2
 
     def __init__(self, support_radius: float, dimension: int):
         self.support_radius = support_radius
@@ -35,6 +38,8 @@ class WendlandC2:
 @ti.data_oriented
 class CubicSpline:
     """W = s (6(q^3-q^2)+1) up to q = 1/2, then 2s(1-q)^3; s = 40/(7 pi h^2) in 2D and 8/(pi h^3) in 3D."""
+
+    MOMENT = MappingProxyType({2: 31.0 / 392.0, 3: 3.0 / 40.0})  # integral of x^2 W over h^2
 
     def __init__(self, support_radius: float, dimension: int):
         self.support_radius = support_radius

@@ -61,7 +61,7 @@ class Run:
 
 def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     """Measure every figure, and state for each whether it comes out as in the paper."""
-    runs = {name: _load(folders[name]) for name in scenes(parameters)}
+    runs = {name: load_run(folders[name]) for name in scenes(parameters)}
     outcome = Outcome(pictures={PICTURES[0]: _contact_sheet(list(runs.values()), parameters.pictures)})
     for figure, names, rows in (("Fig. 6", parameters.balls, _balls), ("Fig. 7", parameters.bars, _bars),
                                 ("Fig. 8", parameters.disks, _disks), ("Fig. 9", parameters.eggs, _eggs)):
@@ -78,7 +78,8 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     return outcome
 
 
-def _load(folder: Path) -> Run:
+def load_run(folder: Path) -> Run:
+    """Read the results of a scene: what was run, and all frames."""
     paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
     return Run(load_resolved(folder / "scene.json"), [read_frame(path) for path in paths])
 
@@ -170,7 +171,7 @@ def _contact_sheet(runs: list[Run], count: int) -> bytes:
     for row, each in zip(grid, runs, strict=True):
         indices = np.rint(np.linspace(0, len(each.frames) - 1, count)).astype(int)
         for axes, index in zip(row, indices, strict=True):
-            _draw(axes, each.scene, each.frames[index])
+            draw_in_space(axes, each.scene, each.frames[index])
         row[0].set_title(each.scene.title, fontsize=8, loc="left")
     return as_png(canvas, dpi=75)
 
@@ -183,7 +184,8 @@ def seen(points: np.ndarray) -> np.ndarray:
                      points[:, 1] * np.sin(ELEVATION) + turned * np.cos(ELEVATION)], axis=1)
 
 
-def _draw(axes, scene: Scene, frame: FrameData) -> None:
+def draw_in_space(axes, scene: Scene, frame: FrameData) -> None:
+    """Draw the particles of a frame over the floor of the container, the nearer the lighter, with the time below."""
     from matplotlib.colors import to_rgb
 
     size = np.array(scene.container.size)

@@ -27,6 +27,7 @@ VALUES = {
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "time_lapse": 1e7},
     "drift": {"droplet_diameter": 1e-4}, "diffusion": {"coefficient": 1e-6}, "collision": {},
     "viscoelastic": {"liquids": ({"liquid": "oil", "shear_modulus": 100.0, "relaxation_time": 0.1},)},
+    "xsph": {},
 }
 NEEDS_FULL_CAVITY = ("injection", "interface_tension")
 THREADS = 2     # of this family's runs, whatever there is: what it compares with one

@@ -13,6 +13,7 @@ from sim.effects.interface_tension import InterfaceTension
 from sim.effects.viscoelastic import Viscoelastic
 from sim.effects.viscosity import Viscosity
 from sim.effects.viscosity_implicit import ViscosityImplicit
+from sim.effects.xsph import Xsph
 
 # In the order in which the solver calls them.
 REGISTRY: dict[str, type[Effect]] = {
@@ -31,5 +32,6 @@ REGISTRY: dict[str, type[Effect]] = {
         Drift,
         Diffusion,
         Collision,
+        Xsph,
     )
 }

@@ -45,6 +45,9 @@ class PositionBasedParameters:
     iterations: int = parameter(20, minimum=1, maximum=1000, meaning="corrections per step, always all of them")
     relaxation: float = parameter(0.7, exclusive_minimum=0.0, maximum=1.0,
                                   meaning="share of the largest step omega at which a lattice converges")
+    constraint: str = parameter("inequality", choices=("inequality", "equality"),
+                                meaning="at a free surface: only what is too dense is corrected, or what is too thin "
+                                        "too; a full cavity always has the equality about the mean")
     softness: float = parameter(0.01, exclusive_minimum=0.0, maximum=100.0,
                                 meaning="epsilon of the multipliers, over the gradients' sum in a lattice")
     acceleration: float = parameter(0.97, minimum=0.0, maximum=0.999,
@@ -54,8 +57,6 @@ class PositionBasedParameters:
     artificial_pressure_radius: float = parameter(0.2, minimum=0.0, maximum=0.5,
                                                   meaning="dq of s_corr, in support radii")
     artificial_pressure_exponent: float = parameter(4.0, minimum=1.0, maximum=10.0, meaning="exponent n of s_corr")
-    xsph: float = parameter(0.0, minimum=0.0, maximum=0.5,
-                            meaning="XSPH: share of the neighbors' mean velocity that is taken in a step")
     vorticity_confinement: float = parameter(
         0.0, unit="1/s", minimum=0.0, maximum=1e3,
         meaning="acceleration over dx and vorticity; not momentum conserving: for looks, off for measurements")
@@ -84,7 +85,7 @@ class PositionBased(Scheme):
         Field("multiplier", "scalar", "Pa s2", "pi_i of one iteration"),
         Field("multiplier_sum", "scalar", "Pa s2", "sum of the multipliers so far"),
         Field("multiplier_sum_before", "scalar", "Pa s2", "the sum one iteration earlier"),
-        Field("violation", "scalar", "1", "C_i before the last correction; only what exceeds 0 at a free surface"),
+        Field("violation", "scalar", "1", "C_i before the last correction; of an inequality only what exceeds 0"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
 
@@ -93,6 +94,7 @@ class PositionBased(Scheme):
         chosen = self.parameters
         self.closed = solver.settings.closed
         self.clamps = chosen.walls == "clamp"
+        self.pushes_only = chosen.constraint == "inequality" and not self.closed
         if self.closed and (self.clamps or chosen.rest_density == "paper"):
             raise ValueError("schemes.position_based.walls must be particles and rest_density lattice where the "
                              "liquids fill the cavity completely")
@@ -168,8 +170,6 @@ class PositionBased(Scheme):
         solver.accelerate(dt)
         statistics = solver.correct_velocity(dt)
         statistics |= solver.timed("pressure", self.project, dt)
-        if self.parameters.xsph > 0.0:
-            solver.timed("xsph", self._smooth_velocity)
         if self.parameters.vorticity_confinement > 0.0:
             solver.timed("vorticity", self._confine_vorticity, dt)
         self._arrive()
@@ -227,7 +227,7 @@ class PositionBased(Scheme):
                     total += self.walls.volume[b] * self.kernel.value(r)
                     slope += (self.walls.volume[b] * self.kernel.gradient_factor(r)) * x_ib
             excess = total - self.rest[None]
-            if ti.static(not self.closed):
+            if ti.static(self.pushes_only):
                 excess = ti.max(excess, 0.0)  # E19: a free surface does not pull
             self.violation[i] = excess / self.rest[None]
             squares += (slope.norm_sqr() + self.softening) / self.mass[i]
@@ -319,22 +319,6 @@ class PositionBased(Scheme):
             self.residual_mean[None] = total_of(self.partial, 0, n) / n
             self.residual_maximum[None] = largest_of(self.partial, 1, n)
             self.contacts[None] = ti.cast(total_of(self.partial, 2, n), ti.i32)
-
-    @ti.kernel
-    def _smooth_velocity(self):
-        """XSPH (E21): v_i += c sum of V_j W_ij (v_j - v_i), with mean masses and volumes so that momentum stays."""
-        for i in range(self.count[None]):
-            x, v, mass, volume = self.predicted_position[i], self.velocity[i], self.mass[i], self.volume[i]
-            change = v * 0.0
-            for slot in range(self.pairs.count[i]):
-                k = self.pairs.entry(i, slot)
-                j = self.pairs.index[k]
-                share = (volume + self.volume[j]) * self.mass[j] / (mass + self.mass[j])
-                weight = self.kernel.value(self.search.separation(x, self.predicted_position[j]).norm())
-                change += (share * weight) * (self.velocity[j] - v)
-            self.correction[i] = self.parameters.xsph * change
-        for i in range(self.count[None]):
-            self.velocity[i] += self.correction[i]
 
     @ti.func
     def _in_space(self, v):
