@@ -75,9 +75,8 @@ rule eye:
     params:
         depends=flow.depends("eye"),
     log: "outputs/{scene}/logs/eye.log",
-    benchmark: "outputs/{scene}/benchmarks/eye.tsv"
     message: "{wildcards.scene}: make the surface of the cavity",
-    shell: "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
+    shell: "STAGE_USAGE={log}.json python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
 
 
 rule voxelize:
@@ -90,10 +89,9 @@ rule voxelize:
     params:
         depends=flow.depends("voxelize"),
     log: "outputs/{scene}/logs/voxelize.log",
-    benchmark: "outputs/{scene}/benchmarks/voxelize.tsv"
     message: "{wildcards.scene}: fill the cavity with particles",
     shell:
-        "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
+        "STAGE_USAGE={log}.json python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
         " 2>&1 | tee {log}"
 
 
@@ -113,21 +111,11 @@ rule advise:
         " 2>&1 | tee {log}"
 
 
-rule calibrate:
-    output:
-        "outputs/calibration.json",
-    params:
-        depends=flow.calibration_depends(),
-    log: "outputs/logs/calibrate.log",
-    message: "time this computer, once, for the estimates of time"
-    threads: 1000  # as many as there are: nothing else runs meanwhile
-    shell: "python -m pipeline.calibrate --output {output} 2>&1 | tee {log}"
-
-
 rule estimate:
     input:
         scene=SCENE,
-        calibration="outputs/calibration.json",
+        initial="outputs/{scene}/initial.npz",
+        eye="outputs/{scene}/eye.vtp",
     output:
         page=report("outputs/{scene}/estimate.html", category="{scene}", caption="docs/report/estimate.rst",
                     labels={"what": "9 estimate: time, memory, disk, error"}),
@@ -137,8 +125,10 @@ rule estimate:
         errors=flow.expected_errors(),
     log: "outputs/{scene}/logs/estimate.log",
     message: "{wildcards.scene}: estimate time, memory and disk"
+    threads: 1000  # as many as there are: nothing else runs while times are measured
+    priority: 20  # before the simulation, which finds its kernels compiled
     shell:
-        "python -m pipeline.estimate config/scenes/{wildcards.scene}.yaml --renew --output {output.page}"
+        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --output {output.page}"
         " --output {output.levels} 2>&1 | tee {log}"
 
 
@@ -157,7 +147,7 @@ rule cost:
     message: "{wildcards.scene}: compare what was predicted with what it has cost"
     shell:
         "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
-        " --benchmarks outputs/{wildcards.scene}/benchmarks --output {output} 2>&1 | tee {log}"
+        " --logs outputs/{wildcards.scene}/logs --output {output} 2>&1 | tee {log}"
 
 
 rule simulate:
@@ -174,12 +164,11 @@ rule simulate:
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
         segment=lambda w: int(w.segment),
     log: "outputs/{scene}/logs/simulate_{segment}.log",
-    benchmark: "outputs/{scene}/benchmarks/simulate_{segment}.tsv"
     message: "{wildcards.scene}: simulate segment {wildcards.segment}",
     threads: 1  # the other core reconstructs and draws the segment before
     priority: 10  # everything waits for the simulation
     shell:
-        "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
+        "STAGE_USAGE={log}.json python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
         " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} 2>&1 | tee {log}"
 
 
@@ -224,10 +213,9 @@ rule reconstruct:
     params:
         depends=flow.depends("reconstruct"),
     log: "outputs/{scene}/logs/reconstruct_{segment}.log",
-    benchmark: "outputs/{scene}/benchmarks/reconstruct_{segment}.tsv"
     message: "{wildcards.scene}: reconstruct the surfaces of segment {wildcards.segment}",
     shell:
-        "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
+        "STAGE_USAGE={log}.json python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
         " 2>&1 | tee {log}"
 
 
@@ -244,10 +232,9 @@ rule render:
     params:
         depends=flow.depends("render"),
     log: "outputs/{scene}/logs/render_{segment}.log",
-    benchmark: "outputs/{scene}/benchmarks/render_{segment}.tsv"
     message: "{wildcards.scene}: draw segment {wildcards.segment}",
     shell:
-        "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
+        "STAGE_USAGE={log}.json python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
         " --output {output} 2>&1 | tee {log}"
 
 
@@ -279,10 +266,9 @@ rule metrics:
     params:
         depends=flow.depends("metrics"),
     log: "outputs/{scene}/logs/metrics.log",
-    benchmark: "outputs/{scene}/benchmarks/metrics.tsv"
     message: "{wildcards.scene}: measure and plot all frames",
     shell:
-        "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
+        "STAGE_USAGE={log}.json python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
 
 
