@@ -17,7 +17,7 @@ class Liquid:
 class Numerics:
     """How the equations are solved; the accuracy levels are named sets of these."""
 
-    particle_spacing: float = parameter(unit="m", exclusive_minimum=0.0, meaning="mean distance between particles")
+    particle_spacing: float = parameter(unit="m", minimum=1e-9, meaning="mean distance between particles")
     scheme: str = parameter("volume_incompressible",
                             choices=("volume_incompressible", "wcsph", "dfsph", "position_based"),
                             meaning="pressure solve and time integration")
