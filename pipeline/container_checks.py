@@ -10,6 +10,7 @@ from pipeline.eye_shape import published_volume
 from pipeline.memory_check import too_large
 from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scene_reader import Key
+from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
@@ -220,14 +221,13 @@ def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...],
     # A user's mesh is not read here: the voxelize stage asks again.
     if not liquids or (container is None and (eye is None or eye.model != "parametric")):
         return
+    read = tuple(one for name, one in effects.items() if isinstance(one, REGISTRY[name].Parameters))
     settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
-                        numerics, tuple(effects.values()), is_closed(container, blocks),
-                        schemes.get(numerics.scheme))
-    if container is None:
-        reason = too_large(settings, published_volume(eye.axial_length))
-    else:
-        box = math.prod(container.size)
-        reason = too_large(settings, sum(block.volume for block in blocks if not block.replaces) or box, box)
+                        numerics, read, is_closed(container, blocks), schemes.get(numerics.scheme))
+    box = math.prod(container.size) if container else None
+    volume = published_volume(eye.axial_length) if box is None else (
+        sum(block.volume for block in blocks if not block.replaces) or box)
+    reason = volume > 0.0 and too_large(settings, volume, box)  # blocks may be turned over: another error
     if reason:
         yield ("numerics", "particle_spacing"), reason
 

@@ -156,19 +156,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--output", type=Path, required=True, help="file to write (JSON)")
     options = p.parse_args(arguments)
     scene, initial = load_resolved(options.scene), load_initial(options.initial)
+    from sim.errors import RunError
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, scene.numerics.threads)
     imports = usage()
-    if options.rehearse:
-        found = rehearse(scene, initial, options.seconds)
-    elif options.phases is None:
-        take_steps(build_solver(scene, initial), COMPILING)
-        found = {}
-    else:
-        phases = [Phase(**one) for one in json.loads(options.phases.read_text())]
-        found = probe(scene, initial, phases, options.seconds, options.output.parent / "frames")
-        found["imports"] = imports
+    try:
+        if options.rehearse:
+            found = rehearse(scene, initial, options.seconds)
+        elif options.phases is None:
+            take_steps(build_solver(scene, initial), COMPILING)
+            found = {}
+        else:
+            phases = [Phase(**one) for one in json.loads(options.phases.read_text())]
+            found = probe(scene, initial, phases, options.seconds, options.output.parent / "frames")
+            found["imports"] = imports
+    except (RunError, OverflowError) as error:
+        raise UserError(f"{scene.name}: its first steps went bad: {error}") from error
     write_text(options.output, json.dumps(found) + "\n")
 
 
