@@ -9,6 +9,7 @@
 
 Every rule calls one stage, `python -m pipeline.<stage>`. A stage runs again when `depends` changes: a digest of the code
 and of the part of the scene that it uses. Therefore the date of `scene.json` does not matter (`ancient`).
+A stage writes what it took where STAGE_USAGE says, for the page of costs.
 """
 import os
 import sys
@@ -76,7 +77,9 @@ rule eye:
         depends=flow.depends("eye"),
     log: "outputs/{scene}/logs/eye.log",
     message: "{wildcards.scene}: make the surface of the cavity",
-    shell: "STAGE_USAGE={log}.json python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
+    shell:
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
 
 
 rule voxelize:
@@ -91,7 +94,8 @@ rule voxelize:
     log: "outputs/{scene}/logs/voxelize.log",
     message: "{wildcards.scene}: fill the cavity with particles",
     shell:
-        "STAGE_USAGE={log}.json python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
         " 2>&1 | tee {log}"
 
 
@@ -168,7 +172,8 @@ rule simulate:
     threads: 1  # the other core reconstructs and draws the segment before
     priority: 10  # everything waits for the simulation
     shell:
-        "STAGE_USAGE={log}.json python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
         " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} 2>&1 | tee {log}"
 
 
@@ -215,7 +220,8 @@ rule reconstruct:
     log: "outputs/{scene}/logs/reconstruct_{segment}.log",
     message: "{wildcards.scene}: reconstruct the surfaces of segment {wildcards.segment}",
     shell:
-        "STAGE_USAGE={log}.json python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
         " 2>&1 | tee {log}"
 
 
@@ -234,7 +240,8 @@ rule render:
     log: "outputs/{scene}/logs/render_{segment}.log",
     message: "{wildcards.scene}: draw segment {wildcards.segment}",
     shell:
-        "STAGE_USAGE={log}.json python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
         " --output {output} 2>&1 | tee {log}"
 
 
@@ -268,7 +275,8 @@ rule metrics:
     log: "outputs/{scene}/logs/metrics.log",
     message: "{wildcards.scene}: measure and plot all frames",
     shell:
-        "STAGE_USAGE={log}.json python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
 
 
