@@ -10,6 +10,7 @@
 
 Every rule calls one stage, `python -m pipeline.<stage>`. A stage runs again when `depends` changes: a digest of the code
 and of the part of the scene that it uses. Therefore the date of `scene.json` does not matter (`ancient`).
+A stage writes what it took where STAGE_USAGE says, for the page of costs.
 """
 import os
 import sys
@@ -89,9 +90,10 @@ rule eye:
     params:
         depends=flow.depends("eye"),
     log: "outputs/{scene}/{level}/logs/eye.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/eye.tsv"
     message: "{wildcards.scene} at {wildcards.level}: make the surface of the cavity",
-    shell: "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
+    shell:
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
 
 
 rule voxelize:
@@ -104,10 +106,10 @@ rule voxelize:
     params:
         depends=flow.depends("voxelize"),
     log: "outputs/{scene}/{level}/logs/voxelize.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/voxelize.tsv"
     message: "{wildcards.scene} at {wildcards.level}: fill the cavity with particles",
     threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     shell:
+        "STAGE_USAGE={log}.json "
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
         " --threads {threads} 2>&1 | tee {log}"
 
@@ -128,21 +130,11 @@ rule advise:
         " 2>&1 | tee {log}"
 
 
-rule calibrate:
-    output:
-        "outputs/calibration.json",
-    params:
-        depends=flow.calibration_depends(),
-    log: "outputs/logs/calibrate.log",
-    message: "time this computer, once, for the estimates of time"
-    threads: 1000  # as many as there are: nothing else runs meanwhile
-    shell: "python -m pipeline.calibrate --output {output} 2>&1 | tee {log}"
-
-
 rule estimate:
     input:
         scene=SCENE,
-        calibration="outputs/calibration.json",
+        initial="outputs/{scene}/{level}/initial.npz",
+        eye="outputs/{scene}/{level}/eye.vtp",
     output:
         page=report("outputs/{scene}/{level}/estimate.html", **SHELF, caption="docs/report/estimate.rst",
                     labels={"what": "9 estimate: time, memory, disk, error"}),
@@ -152,8 +144,10 @@ rule estimate:
         errors=flow.expected_errors(),
     log: "outputs/{scene}/{level}/logs/estimate.log",
     message: "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
+    threads: 1000  # as many as there are: nothing else runs while times are measured
+    priority: 20  # before the simulation, which finds its kernels compiled
     shell:
-        "python -m pipeline.estimate config/scenes/{wildcards.scene}.yaml --renew --output {output.page}"
+        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --output {output.page}"
         " --output {output.levels} 2>&1 | tee {log}"
 
 
@@ -172,7 +166,7 @@ rule cost:
     message: "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
     shell:
         "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
-        " --benchmarks outputs/{wildcards.scene}/{wildcards.level}/benchmarks --output {output} 2>&1 | tee {log}"
+        " --logs outputs/{wildcards.scene}/{wildcards.level}/logs --output {output} 2>&1 | tee {log}"
 
 
 rule simulate:
@@ -189,11 +183,11 @@ rule simulate:
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
         segment=lambda w: int(w.segment),
     log: "outputs/{scene}/{level}/logs/simulate_{segment}.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/simulate_{segment}.tsv"
     message: "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}",
     threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     priority: 10  # everything waits for the simulation
     shell:
+        "STAGE_USAGE={log}.json "
         "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
         " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
         " 2>&1 | tee {log}"
@@ -239,9 +233,9 @@ rule reconstruct:
     params:
         depends=flow.depends("reconstruct"),
     log: "outputs/{scene}/{level}/logs/reconstruct_{segment}.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/reconstruct_{segment}.tsv"
     message: "{wildcards.scene} at {wildcards.level}: reconstruct the surfaces of segment {wildcards.segment}",
     shell:
+        "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
         " --threads {threads} 2>&1 | tee {log}"
 
@@ -259,9 +253,9 @@ rule render:
     params:
         depends=flow.depends("render"),
     log: "outputs/{scene}/{level}/logs/render_{segment}.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/render_{segment}.tsv"
     message: "{wildcards.scene} at {wildcards.level}: draw segment {wildcards.segment}",
     shell:
+        "STAGE_USAGE={log}.json "
         "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
         " --output {output} 2>&1 | tee {log}"
 
@@ -294,9 +288,9 @@ rule metrics:
     params:
         depends=flow.depends("metrics"),
     log: "outputs/{scene}/{level}/logs/metrics.log",
-    benchmark: "outputs/{scene}/{level}/benchmarks/metrics.tsv"
     message: "{wildcards.scene} at {wildcards.level}: measure and plot all frames",
     shell:
+        "STAGE_USAGE={log}.json "
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
         " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from pipeline.errors import UserError
+from pipeline.usage import write_if_asked
 
 WRONG_INPUT = 2
 FAILED = 1
@@ -32,6 +33,8 @@ def run(main: Callable[[], int | None]) -> NoReturn:
     try:
         code = main() or 0
         sys.stdout.flush()
+        if code == 0:
+            write_if_asked()
     except UserError as error:
         code = _report(WRONG_INPUT, *error.messages)
     except BrokenPipeError:

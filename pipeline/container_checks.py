@@ -6,8 +6,11 @@ import itertools
 import math
 from collections.abc import Iterator
 
+from pipeline.eye_shape import published_volume
+from pipeline.memory_check import too_large
 from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scene_reader import Key
+from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
@@ -15,7 +18,6 @@ from sim.time_step import known_limits
 
 Found = Iterator[tuple[Key, str]]
 
-MOST_PARTICLES = 5e7  # the fields of so many fill about 20 GB
 FEWEST_SPACINGS = 4  # per side of a container: below, every particle touches both walls
 FUNNEL_SPACINGS = 2.0  # thickness of the wall of a funnel
 ROUNDING = 1e-9  # of lengths, relative to the container
@@ -43,14 +45,9 @@ def container_holds_particles(container: Container | None, numerics: Numerics, d
     if container is None or len(container.size) != dimension:
         return
     spacing, least = numerics.particle_spacing, min(container.size) / FEWEST_SPACINGS
-    count = math.prod(container.size) / spacing**dimension
     if spacing > least * (1.0 + ROUNDING):
         yield (("numerics", "particle_spacing"),
                f"is {spacing:g} m, but must be at most {least:g} m, a quarter of the shortest side of the container")
-    elif count > MOST_PARTICLES:
-        yield (("numerics", "particle_spacing"),
-               f"is {spacing:g} m, but must be large enough for {MOST_PARTICLES:.0e} particles; this container has "
-               f"room for {count:.0e} (set it for every accuracy level under `levels`)")
 
 
 def container_has_liquid(container: Container | None, blocks: tuple[Block, ...], initial: Initial) -> Found:
@@ -218,6 +215,23 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
                                           f"{limit:.3g} s because of {reason}")
 
 
+def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
+                              dimension: int, eye: Eye | None, container: Container | None,
+                              blocks: tuple[Block, ...]) -> Found:
+    # A user's mesh is not read here: the voxelize stage asks again.
+    if not liquids or (container is None and (eye is None or eye.model != "parametric")):
+        return
+    read = tuple(one for name, one in effects.items() if isinstance(one, REGISTRY[name].Parameters))
+    settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
+                        numerics, read, is_closed(container, blocks), schemes.get(numerics.scheme))
+    box = math.prod(container.size) if container else None
+    volume = published_volume(eye.axial_length) if box is None else (
+        sum(block.volume for block in blocks if not block.replaces) or box)
+    reason = volume > 0.0 and too_large(settings, volume, box)  # blocks may be turned over: another error
+    if reason:
+        yield ("numerics", "particle_spacing"), reason
+
+
 def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
     if numerics.time_step is not None and numerics.time_step < numerics.minimum_time_step:
         yield (("numerics", "time_step"), f"is {numerics.time_step:g} s, but must be at least minimum_time_step, "
@@ -230,5 +244,5 @@ CHECKS = (
     blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
     lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, tension_needs_a_full_cavity, scheme_can_solve_the_density_ratio,
-    fixed_time_step_is_stable, fixed_time_step_is_large_enough,
+    fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory,
 )

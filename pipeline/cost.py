@@ -1,12 +1,9 @@
 """Stage: after a run, what was predicted and what it has cost, side by side.
 
-The prediction is that of `pipeline.estimate`, made from the same scene; what a stage took is what Snakemake wrote into
-outputs/<scene>/<level>/benchmarks. Of the time of all cores that misses up to the last half minute of a long job, so
-the time of the simulation is also given as the solver counts it. Where the computer did other things as well, the clock
-ran longer: compare the time of all cores then.
+The prediction is that of `pipeline.estimate`; what a stage took it has written itself, beside its log. Where the
+computer did other things as well, the clock ran longer: compare the time of all cores then.
 """
 import argparse
-import csv
 import html
 import json
 import math
@@ -15,45 +12,33 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.calibrate import size
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.estimate import duration, memory
-from pipeline.files import write_text
+from pipeline.files import size_of, write_text
 from pipeline.metrics_table import STYLE, read_table
 from pipeline.scene import load_resolved
+from pipeline.usage import KINDS, read_usage
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
-ASKED = 0.3  # relative difference of the wall time of the simulation that counts as met
 
 
-def measured(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
+def taken_by(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
     """Return what the stages took: stage -> wall, cpu (s, sums over the segments) and memory (bytes, the largest).
 
     Raises
     ------
-    UserError : a file is no benchmark of Snakemake.
+    UserError : a file does not say so.
     """
     found: dict[str, dict[str, float]] = {}
     for path in paths:
-        stage = path.stem.partition("_")[0]
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                (row,) = csv.DictReader(file, delimiter="\t")
-            taken = {"wall": _number(row["s"]), "cpu": _number(row["cpu_time"]),
-                     "memory": 2.0**20 * _number(row["max_rss"])}
-        except (ValueError, KeyError, OSError) as error:
-            raise UserError(f"{path}: is no benchmark of Snakemake ({error}); run the stage again") from error
-        sums = found.setdefault(stage, {"wall": 0.0, "cpu": 0.0, "memory": 0.0})
-        for kind in ("wall", "cpu"):
+        taken = read_usage(path)
+        sums = found.setdefault(path.name.partition(".")[0].partition("_")[0], {"wall": 0.0, "cpu": 0.0, "memory": 0.0})
+        for kind in KINDS:
             sums[kind] += taken[kind]
-        sums["memory"] = np.fmax(sums["memory"], taken["memory"])
+        sums["memory"] = max(sums["memory"], taken["memory"])
     return found
-
-
-def _number(text: str) -> float:
-    return math.nan if text in ("NA", "-", "") else float(text)
 
 
 def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
@@ -75,16 +60,12 @@ def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, n
         column = f"{name}_iterations [1]"
         if column in table:
             line(f"{name} iterations per step", level[f"{name}_iterations"], _mean(table[column], 1.0 / steps), plain)
-    column = "computing_time_cpu [s]"
-    if column in table:
-        line("simulate from its first step on, time of all cores",
-             level["seconds"]["simulate"]["cpu"] - level["start"]["cpu"], float(np.nansum(table[column])), duration)
     for stage in STAGES:
         if stage in taken and stage in level["seconds"]:
             for kind, words in (("wall", "wall time"), ("cpu", "time of all cores")):
                 line(f"{stage}, {words}", level["seconds"][stage][kind], taken[stage][kind], duration)
-    line("memory, largest", level["memory"], float(np.nanmax([one["memory"] for one in taken.values()] or [math.nan])),
-         memory)
+    largest = max((one["memory"] for one in taken.values()), default=math.nan)
+    line("memory, largest", level["memory"], largest, memory)
     line("disk", level["disk"], disk, memory)
     return lines
 
@@ -104,9 +85,9 @@ def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]])
         errors = "<li>expected error: unknown; the accuracy study has no case whose effects are all in this scene.</li>"
     return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}: cost</title>'
             f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1><p>Accuracy {level['accuracy']}. The "
-            "prediction holds for a first run on a computer that does nothing else; stages that run side by side, and "
-            "kernels that Taichi finds in its cache, change the clock. The error of a run is known only where there is "
-            "an exact solution: the one expected is that of the accuracy study.</p>"
+            "prediction holds for a computer that does nothing else; stages that run side by side change the "
+            "clock. The error of a run is known only where there is an exact solution: the one expected is that of "
+            "the accuracy study.</p>"
             "<table><tr><th>what</th><th>predicted</th><th>real</th><th>predicted / real</th></tr>"
             f"{body}</table><ul>{errors}</ul></body></html>\n")
 
@@ -118,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     p.add_argument("estimate", type=Path, help="prediction of pipeline.estimate --format json")
     p.add_argument("metrics", type=Path, help="metrics of the run (metrics.csv)")
-    p.add_argument("--benchmarks", type=Path, required=True, metavar="DIR", help="what Snakemake wrote of the stages")
+    p.add_argument("--logs", type=Path, required=True, metavar="DIR", help="folder of the logs, with what stages took")
     p.add_argument("--output", type=Path, required=True, help="page to write")
     options = p.parse_args(arguments)
     scene, folder = load_resolved(options.scene), options.scene.parent
@@ -128,8 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (OSError, ValueError, KeyError, TypeError, StopIteration) as error:
         raise UserError(f"{options.estimate}: is no estimate of {scene.name} at {scene.accuracy}; make it again with "
                         "`python -m pipeline.estimate`") from error
-    disk = float(sum(size(folder / name) for name in FILES if (folder / name).exists()))
-    lines = compared(level, measured(sorted(options.benchmarks.glob("*.tsv"))), read_table(options.metrics), disk,
+    disk = float(sum(size_of(folder / name) for name in FILES))
+    lines = compared(level, taken_by(sorted(options.logs.glob("*.log.json"))), read_table(options.metrics), disk,
                      scene.output.frame_interval)
     write_text(options.output, page_of(scene.title or scene.name, level, lines))
     for name, predicted, real, ratio in lines:

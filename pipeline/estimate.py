@@ -1,33 +1,33 @@
-"""Stage: what a scene will cost before it is run: time, memory, disk and the error to expect, at every accuracy level.
+"""Stage: what a scene will cost before it is run: time, memory, disk and the error to expect.
 
-    python -m pipeline.estimate config/scenes/tamponade.yaml    all levels
-    python -m pipeline.estimate --calibrate                     time this computer anew (one to two minutes)
+    python -m pipeline.estimate config/scenes/tamponade.yaml                     at the level of config/config.yaml
+    python -m pipeline.estimate config/scenes/tamponade.yaml --accuracy all      at every level, one column each
 
-The first call times this computer; its result, outputs/calibration.json, is refused once the code or the computer has
-changed. Times are of this computer with nothing else running, compilation included, for a scene that has never run.
+A few steps of the very scene are taken in each of its phases, and a few frames of the stages that follow are made: in
+seconds to two minutes for every level, once; outputs/measurements keeps what was measured until the code, the computer
+or the scene changes. Times are of this computer with nothing else running.
 """
 import argparse
 import dataclasses
 import html
 import json
-import math
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.calibration import CALIBRATION, load_calibration
 from pipeline.cli import run
 from pipeline.dimensionless_numbers import shown
 from pipeline.errors import UserError
 from pipeline.files import write_text
+from pipeline.measurement import measured
 from pipeline.metrics_table import STYLE
 from pipeline.prediction import Prediction, predict
 from pipeline.scene import PROJECT_CONFIG, Scene, load_accuracy_levels, load_resolved, load_scene
 
-HOW = ("Predicted from what this computer takes for each part of the solver (outputs/calibration.json), the limits of "
-       "the time step, and measured relations for the iterations. Times hold while nothing else runs.")
+HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
+       "and with compiled kernels, as this estimate leaves them behind.")
 UNKNOWN = "unknown"
+SCENES = Path("config/scenes")  # where a resolved scene finds the one that it starts from
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,25 +37,6 @@ class Estimate:
     scene: str
     title: str
     levels: tuple[Prediction, ...]
-
-
-def cavity_size(scene: Scene) -> tuple[float, float]:
-    """Volume and surface of the cavity of a scene, m^3 and m^2 (in two dimensions m^2 and m)."""
-    if scene.container is not None:
-        size = scene.container.size
-        volume = math.prod(size)
-        return volume, 2.0 * sum(volume / side for side in size)
-    from pipeline.eye import cavity_mesh  # slow to import, and only an eye needs it
-
-    mesh = cavity_mesh(scene.eye)[0]
-    return float(mesh.volume), float(mesh.area)
-
-
-def estimate(scenes: Sequence[Scene], calibration: dict) -> Estimate:
-    """Return the estimate of a scene given at one or several levels."""
-    volume, area = cavity_size(scenes[0])
-    return Estimate(scenes[0].name, scenes[0].title or scenes[0].name,
-                    tuple(predict(scene, volume, area, calibration) for scene in scenes))
 
 
 def duration(value: float) -> str:
@@ -75,30 +56,25 @@ def rows(level: Prediction) -> list[tuple[str, str]]:
     """Return what is said of one level: name and number."""
     simulate = level.seconds["simulate"]
     others = sum(one["cpu"] for name, one in level.seconds.items() if name != "simulate")
-    found = [
+    return [
         ("particle spacing", shown(level.particle_spacing, "m")), ("liquid particles", f"{level.particles}"),
         ("wall particles", f"{level.wall_particles}"), ("time steps", f"{level.steps}"),
-        ("time step, mean", shown(level.time_step, "s")), ("decided by", level.decided_by),
+        ("  of them taken to measure", f"{level.probed_steps}"), ("time step, mean", shown(level.time_step, "s")),
         ("pressure iterations per step", f"{level.pressure_iterations:.1f}"),
         ("viscosity iterations per step", f"{level.viscosity_iterations:.1f}"),
-        ("simulation", duration(simulate["wall"])), ("  of it compilation", duration(level.compilation["wall"])),
-        ("  time of all cores", duration(simulate["cpu"])), ("other stages, time of all cores", duration(others)),
-        ("all stages", duration(level.total)), ("memory", memory(level.memory)), ("disk", memory(level.disk))]
-    return found
+        ("simulation", duration(simulate["wall"])), ("  time of all cores", duration(simulate["cpu"])),
+        ("other stages, time of all cores", duration(others)), ("all stages", duration(level.total)),
+        ("compilation, done by the estimate", duration(level.compilation["wall"])),
+        ("memory", memory(level.memory)), ("disk", memory(level.disk))]
 
 
 def notes(level: Prediction) -> list[str]:
-    """Return sentences on one level: expected errors with their source, and what is not counted."""
+    """Return sentences on one level: expected errors with their source, and what could not be measured."""
     found = [f"expected error, {one.quantity}: {one.value:.2g}{'' if one.unit == '1' else f' {one.unit}'} "
              f"({one.source})" for one in level.errors]
     if not found:
         found = [f"expected error: {UNKNOWN} (the accuracy study has no case whose effects are all in this scene)"]
-    if level.uncertain:
-        found.append(f"the time step that {' and '.join(level.uncertain)} allow is {UNKNOWN} before the run: there "
-                     "may be more steps")
-    if level.unknown:
-        found.append(f"the time of {', '.join(level.unknown)} is {UNKNOWN} and counted as nothing")
-    return found
+    return found + list(level.notes)
 
 
 def text_of(found: Estimate) -> str:
@@ -137,55 +113,35 @@ def json_of(found: Estimate) -> str:
 FORMATS = {"text": text_of, "html": html_of, "json": json_of}
 
 
-def calibrate(path: Path) -> None:
-    """Time this computer and write the calibration, in a process of its own."""
-    print("timing this computer: one to two minutes, with nothing else running", file=sys.stderr, flush=True)
-    code = subprocess.run([sys.executable, "-m", "pipeline.calibrate", "--output", str(path)], check=False).returncode
-    if code:
-        raise UserError(f"{path}: the calibration has failed")
-
-
 def scenes_of(path: Path, accuracy: str | None) -> list[Scene]:
-    """Return a scene at every level, or at one."""
+    """Return a scene at one level, or at all."""
     if path.suffix == ".json":
         if accuracy is not None:
             raise UserError(f'--accuracy is "{accuracy}", but {path} is resolved already; name its scene file, or '
                             "leave --accuracy out")
         return [load_resolved(path)]
-    return [load_scene(path, level) for level in (
-        [accuracy] if accuracy else load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))]
+    levels = load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml") if accuracy == "all" else [accuracy]
+    return [load_scene(path, level) for level in levels]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     p = argparse.ArgumentParser(prog="python -m pipeline.estimate", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("scene", type=Path, nargs="?", help="scene file (config/scenes/tamponade.yaml), or a resolved "
-                                                       "scene (.json), which has one level")
-    p.add_argument("--accuracy", help="one accuracy level (default: all)")
-    p.add_argument("--calibrate", action="store_true", help="time this computer, even where that has been done")
-    p.add_argument("--renew", action="store_true", help="time this computer anew where its calibration is out of date")
-    p.add_argument("--calibration", type=Path, default=CALIBRATION, metavar="FILE",
-                   help=f"what was timed (default {CALIBRATION})")
+    p.add_argument("scene", type=Path, help="scene file (config/scenes/tamponade.yaml), or a resolved scene (.json)")
+    p.add_argument("--accuracy", metavar="LEVEL", help="accuracy level, or all (default: that of config.yaml)")
+    p.add_argument("--made", type=Path, nargs=2, metavar=("EYE.vtp", "INITIAL.npz"),
+                   help="cavity and particles of the scene, if they are made already; they then cost nothing more")
     p.add_argument("--format", choices=FORMATS, help="what to write (default: as the name of the file says, else text)")
     p.add_argument("--output", type=Path, action="append", default=[], metavar="FILE",
                    help="file to write, .html, .json or text; may be given more than once (default: standard output)")
     options = p.parse_args(arguments)
-    if options.scene is None and not options.calibrate:
-        raise UserError("scene is missing: name a scene file, or give --calibrate")
-    scenes = scenes_of(options.scene, options.accuracy) if options.scene else []
-    if options.calibrate or not options.calibration.is_file():
-        calibrate(options.calibration)
-    try:
-        calibration = load_calibration(options.calibration)
-    except UserError:
-        if not options.renew:
-            raise
-        calibrate(options.calibration)
-        calibration = load_calibration(options.calibration)
-    if not scenes:
-        return
-    found = estimate(scenes, calibration)
+    scenes = scenes_of(options.scene, options.accuracy)
+    if options.made and len(scenes) > 1:
+        raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
+    folder = SCENES if options.scene.suffix == ".json" else options.scene.parent
+    levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made))) for scene in scenes)
+    found = Estimate(scenes[0].name, scenes[0].title or scenes[0].name, levels)
     for path in options.output:
         suffix = path.suffix.lstrip(".")
         write_text(path, FORMATS[options.format or (suffix if suffix in FORMATS else "text")](found))

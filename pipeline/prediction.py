@@ -1,18 +1,32 @@
-"""What a scene will cost: the work in it times what this computer takes for it."""
+"""What a scene will cost: what was measured on a few of its steps and frames, extended to all of them.
+
+A full cavity is measured in every phase. Under a free surface the course of the motion decides how long the steps can
+be: a coarse rehearsal shows it. Limits by speed and acceleration follow the particle spacing, and the iterations of the
+solves are taken to change over the scene as they do in the rehearsal.
+"""
 import dataclasses
-import os
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 
-from pipeline.cost_model import KINDS, Work, seconds, stage_cost
-from pipeline.dimensionless_numbers import Scales
 from pipeline.expected_error import ExpectedError, expected_errors
-from pipeline.iterations import pressure_iterations, viscosity_iterations
+from pipeline.probe import ROUNDS
 from pipeline.scene_model import Scene
-from pipeline.scene_work import SHARED_PARTS, SceneWork, effect_parts, part_of, rounds_of, scene_work, variant
-from pipeline.time_step_limits import deciding_limit, step_count, time_step_limits
+from pipeline.usage import KINDS
+from sim.cores import available_cores
 
-ACCELERATING = ("cohesion", "curvature", "adhesion")  # effects with accelerations that no limit tells of beforehand
 SMALL_STAGES = 4  # scene, advise, index_frames and movie: little more than their start
+SOLVES = ("pressure", "divergence solve", "density solve")  # parts of a scheme that go round
+
+
+@dataclasses.dataclass(frozen=True)
+class Span:
+    """A part of a scene in which steps are alike: their number, and what each takes (s, iterations)."""
+
+    steps: int
+    wall: float
+    cpu: float
+    pressure_iterations: float
+    viscosity_iterations: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,14 +35,13 @@ class Prediction:
 
     Attributes
     ----------
-    time_step, decided_by : s, and what decides it.
+    time_step : mean, s.
     seconds : stage -> "wall" (alone on this computer) and "cpu" (of all cores).
-    compilation : of that, s of "simulate" in which Taichi compiles.
-    start : of that, s before the first step: imports, and the solver's own compilation.
+    start : of "simulate", s before the steps that count, in all processes.
+    compilation : s that the first build of the solver took beyond later ones; it is over, Taichi keeps the kernels.
     total : wall time of all stages, on all cores of this computer.
     memory, disk : bytes, largest of any stage and of all files.
-    unknown : effects of the scene that the calibration does not time; they are counted as nothing.
-    uncertain : effects whose accelerations may limit the time step further; how far is not known before the run.
+    probed_steps : how many steps were measured. notes : what could not be.
     errors : to expect; empty where they are not known.
     """
 
@@ -37,98 +50,90 @@ class Prediction:
     particles: int
     wall_particles: int
     time_step: float
-    decided_by: str
     steps: int
     pressure_iterations: float
     viscosity_iterations: float
     seconds: dict[str, dict[str, float]]
-    compilation: dict[str, float]
     start: dict[str, float]
+    compilation: dict[str, float]
     total: float
     memory: float
     disk: float
-    unknown: tuple[str, ...]
-    uncertain: tuple[str, ...]
+    probed_steps: int
+    notes: tuple[str, ...]
     errors: tuple[ExpectedError, ...]
 
 
-def predict(scene: Scene, cavity_volume: float, cavity_area: float, calibration: Mapping) -> Prediction:
-    """Return what a scene will cost.
+def predict(scene: Scene, measured: Mapping) -> Prediction:
+    """Return what a scene will cost, from what was measured (``pipeline.measurement.measured``)."""
+    probe, found = measured["probe"], list(spans(scene, measured))
+    steps = sum(span.steps for span in found)
 
-    Parameters
-    ----------
-    cavity_volume, cavity_area : m^3 and m^2 (in two dimensions m^2 and m).
-    calibration : of this computer (``pipeline.calibration.load_calibration``).
-    """
-    scales, work = Scales(scene, cavity_volume), scene_work(scene, cavity_volume, cavity_area)
-    limit = deciding_limit(time_step_limits(scales))
-    steps = step_count(scales, limit.value)
-    time_step = scene.output.duration / steps
-    pressure = pressure_iterations(scales, time_step, variant(scene))
-    viscosity = viscosity_iterations(scales, time_step)
-    parts = [part for part in _parts(scene, calibration["parts"]) if part in calibration["parts"]]
-    stages = {name: {kind: _stage(name, scene, work, calibration, kind) for kind in KINDS}
-              for name in _stages(scene)}
-    compilation = {kind: _compilation(scene, parts, calibration, kind, "build", "frame") for kind in KINDS}
-    stages["simulate"] = {kind: (
-        steps * sum(seconds(calibration["parts"], part,
-                            Work(work.particles, work.entries, work.dimension,
-                                 rounds_of(part, scene, pressure, viscosity)), kind) for part in parts)
-        + compilation[kind] + scene.segment_count * calibration["imports"][kind]
-        + scene.frame_count * seconds(calibration["parts"], "frame", Work(work.particles, 0.0, work.dimension), kind))
-        for kind in KINDS}
-    start = {kind: scene.segment_count * calibration["imports"][kind]
-             + _compilation(scene, [], calibration, kind, "build") for kind in KINDS}
-    unknown = tuple(name for name in effect_parts(scene) if name not in calibration["parts"])
+    def mean(name: str) -> float:
+        return sum(span.steps * getattr(span, name) for span in found) / steps
+
+    start = {kind: scene.segment_count * probe["start"][kind] for kind in KINDS}
+    seconds = {"simulate": {kind: steps * mean(kind) + start[kind] + scene.frame_count * probe["frame"][kind]
+                            for kind in KINDS}}
+    disk = scene.frame_count * probe["disk"]["frame"] + scene.segment_count * probe["disk"]["checkpoint"]
+    for name, stage in measured["stages"].items():
+        if "frame" in stage:
+            processes = 1 if name == "metrics" else scene.segment_count
+            seconds[name] = {kind: processes * stage["start"][kind] + scene.frame_count * stage["frame"][kind]
+                             for kind in KINDS}
+        else:
+            seconds[name] = {kind: stage[kind] for kind in KINDS}
+        disk += stage["disk"] * (scene.frame_count if "frame" in stage else 1)
+    seconds["other"] = {kind: SMALL_STAGES * probe["imports"][kind] for kind in KINDS}
+    width = (measured["cavity_volume"] / {2: math.pi / 4.0, 3: math.pi / 6.0}[scene.dimension]) ** (
+        1.0 / scene.dimension) / scene.numerics.particle_spacing
     return Prediction(
-        scene.accuracy, scene.numerics.particle_spacing, work.particles, work.wall_particles, time_step, limit.source,
-        steps, pressure, viscosity, stages, compilation, start, _total(scene, stages),
-        max(calibration["memory"] + work.row_bytes, *(_stage(name, scene, work, calibration, "memory")
-                                                      for name in stages if name in calibration["stages"])),
-        _disk(scene, work, calibration), unknown,
-        tuple(name for name in ACCELERATING if name in scene.effects), tuple(expected_errors(scene, work.width)))
+        scene.accuracy, scene.numerics.particle_spacing, probe["particles"], probe["wall_particles"],
+        scene.output.duration / steps, steps, mean("pressure_iterations"), mean("viscosity_iterations"), seconds, start,
+        measured["compilation"], total(scene, seconds),
+        max(measured["memory"], *(stage["memory"] for stage in measured["stages"].values())), disk,
+        sum(phase["steps"] for phase in probe["phases"]), tuple(notes(scene, measured)),
+        tuple(expected_errors(scene, width)))
 
 
-def _parts(scene: Scene, known: Mapping) -> list[str]:
-    """Parts of a step: those common to all, those of the scheme, and the effects with a part of their own."""
-    own = f"{variant(scene)}/"
-    return [*SHARED_PARTS, *(part for part in known if part.startswith(own)),
-            *(part_of(name, scene) for name in effect_parts(scene))]
+def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:
+    """Yield the parts of a scene."""
+    interval, probe, rehearsal = scene.output.frame_interval, measured["probe"], measured["rehearsal"]
+    phases = probe["phases"]
+    if rehearsal is None:
+        lost = scene.output.duration / sum(phase["end"] - phase["begin"] for phase in phases)
+        for phase in phases:  # every frame ends with a whole step; what could not be probed is as all the rest
+            frames = lost * (phase["end"] - phase["begin"]) / interval
+            yield Span(max(1, round(frames * math.ceil(interval / phase["time_step"] - 1e-9))), phase["wall"],
+                       phase["cpu"], phase["pressure_iterations"], phase["viscosity_iterations"])
+        return
+    (phase,), first, frames = phases, rehearsal["first"], rehearsal["frames"]
+    finer = scene.numerics.particle_spacing / measured["spacing"]
+    solves = sum(phase.get(f"part {name}", 0.0) for name in SOLVES) / phase["wall"]
+    lost = (scene.frame_count - 1) / len(frames)
+    for frame in frames:
+        step = min(probe["limit"], finer * frame["time_step"])
+        rounds = {name: frame[name] / first[name] if first[name] else 1.0 for name in ROUNDS}
+        more = 1.0 + solves * (rounds["pressure_iterations"] - 1.0)
+        yield Span(round(lost * math.ceil(interval / step - 1e-9)), more * phase["wall"], more * phase["cpu"],
+                   *(phase[name] * ratio for name, ratio in rounds.items()))
 
 
-def _compilation(scene: Scene, parts: list[str], calibration: Mapping, kind: str, *common: str) -> float:
-    """Seconds in which kernels are compiled: in the first segment anew, in the others mostly read from a cache."""
-    known = calibration["compilation"]
-    once = sum(known[part][kind] for part in (*common, *parts) if part in known)
-    return once * (1.0 + (scene.segment_count - 1) * calibration["compilation_again"])
+def notes(scene: Scene, measured: Mapping) -> Iterator[str]:
+    """Yield sentences on what could not be measured."""
+    for failure in measured["probe"]["failed"]:
+        yield f"counted as the other phases are, because it could not be probed: {failure}"
+    rehearsal = measured["rehearsal"]
+    if not scene.closed and rehearsal is None:
+        yield "the motion could not be rehearsed: all steps are counted as the first ones, and there may be more"
+    elif rehearsal and len(rehearsal["frames"]) < scene.frame_count - 1:
+        reason = f" ({rehearsal['failed'][0]})" if rehearsal["failed"] else ""
+        until = len(rehearsal["frames"]) * scene.output.frame_interval
+        yield f"the motion was rehearsed up to {until:.3g} s{reason}: what follows is counted as its mean"
 
 
-def _stages(scene: Scene) -> list[str]:
-    cavity = ["eye"] if scene.container is None else []
-    return [*cavity, "voxelize", "reconstruct", "render", "metrics", "other"]
-
-
-def _stage(name: str, scene: Scene, work: SceneWork, calibration: Mapping, kind: str) -> float:
-    if name == "other":
-        return SMALL_STAGES * calibration["imports"][kind] if kind in KINDS else 0.0
-    start, per_frame, per_particle = calibration["stages"][name][kind]
-    if name in ("eye", "voxelize"):
-        return start + per_particle * work.particles
-    cost = stage_cost((start, per_frame, per_particle), scene.frame_count, work.particles)
-    if kind == "memory":  # a frame at a time
-        return stage_cost((start, per_frame, per_particle), 1, work.particles)
-    return cost + (scene.segment_count - 1) * start * (name != "metrics")
-
-
-def _total(scene: Scene, stages: Mapping[str, Mapping[str, float]]) -> float:
-    """Wall time of all stages: the simulation is a chain, and what follows the last segment comes after it."""
-    cores = os.cpu_count() or 1
+def total(scene: Scene, seconds: Mapping[str, Mapping[str, float]]) -> float:
+    """Return the wall time of all stages, s: segments are a chain, and the last one is then drawn."""
     last = 1.0 / scene.segment_count
-    chain = sum(stages[name]["wall"] * (last if name in ("reconstruct", "render") else 1.0) for name in stages)
-    return max(chain, sum(one["cpu"] for one in stages.values()) / cores)
-
-
-def _disk(scene: Scene, work: SceneWork, calibration: Mapping) -> float:
-    disk, stages = calibration["disk"], calibration["stages"]
-    kept = (scene.frame_count * disk["frame"] + scene.segment_count * disk["checkpoint"]) * work.particles
-    return kept + sum(_stage(name, scene, work, calibration, "disk") for name in _stages(scene) if name in stages)
+    chain = sum(stage["wall"] * (last if name in ("reconstruct", "render") else 1.0) for name, stage in seconds.items())
+    return max(chain, sum(stage["cpu"] for stage in seconds.values()) / available_cores())

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from pipeline import container_checks
-from pipeline.container_checks import MOST_PARTICLES
 from pipeline.eye_shape import eye_shape
 from pipeline.scene_model import Container, Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
@@ -271,19 +270,14 @@ def _eye_is_one_model(eye: Eye | None) -> Found:
 
 
 @_check
-def _spacing_fits_eye(eye: Eye | None, numerics: Numerics, dimension: int) -> Found:
+def _spacing_fits_eye(eye: Eye | None, numerics: Numerics) -> Found:
     if eye is None or eye.model != "parametric":
         return
     spacings = eye.axial_length / numerics.particle_spacing
-    count = spacings**dimension * math.pi / (2 * dimension)  # a disc or a ball of that diameter
-    limit = None
     if spacings < FEWEST_SPACINGS:
-        limit = f"at most {1000 * eye.axial_length / FEWEST_SPACINGS:.3g} mm, an eighth of the axial length"
-    elif count > MOST_PARTICLES:
-        limit = f"large enough for {MOST_PARTICLES:.0e} particles; this would need about {count:.0e}"
-    if limit:
         yield (("numerics", "particle_spacing"),
-               f"is {1000 * numerics.particle_spacing:g} mm, but must be {limit}")
+               f"is {1000 * numerics.particle_spacing:g} mm, but must be at most "
+               f"{1000 * eye.axial_length / FEWEST_SPACINGS:.3g} mm, an eighth of the axial length")
 
 
 @_check
@@ -297,11 +291,11 @@ def _time_steps_are_ordered(numerics: Numerics) -> Found:
 @_check
 def _frames_end_with_the_scene(output: Output) -> Found:
     count = output.duration / output.frame_interval
-    if round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
+    if count >= MOST_FRAMES:
+        yield ("output", "frame_interval"), f"gives {count:.6g} frames, but at most {MOST_FRAMES} can be saved"
+    elif round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
-    elif count >= MOST_FRAMES:
-        yield ("output", "frame_interval"), f"gives {count:.0f} frames, but at most {MOST_FRAMES} can be saved"
 
 
 @_check

@@ -16,6 +16,7 @@ from pipeline.errors import UserError
 from pipeline.files import replacing_folder, write_text
 from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
 from pipeline.initial import load_initial
+from pipeline.memory_check import too_large
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 from pipeline.scene_model import Block
@@ -364,6 +365,9 @@ def main() -> None:
     if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
         raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
     initial = load_initial(arguments.initial)
+    too_many = too_large(scene.settings(), 0.0, particles=len(initial["fluid_position"]))
+    if too_many:
+        raise UserError(f"{arguments.scene}: numerics.particle_spacing: {too_many}")
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None

@@ -16,6 +16,7 @@ from pipeline.eye import read_mesh
 from pipeline.files import replacing, write_text
 from pipeline.initial import initial_arrays
 from pipeline.lattice import deepest_points
+from pipeline.memory_check import too_large
 from pipeline.scene import load_resolved
 from pipeline.scene_model import Scene
 from pipeline.signed_distance import SignedDistance, distance_of_mesh, distance_to_triangles
@@ -50,6 +51,9 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     if scene.dimension != 3:
         raise UserError(f"{source}: dimension: is {scene.dimension}, but an eye is filled in 3 dimensions only")
     numerics, spacing = scene.numerics, scene.numerics.particle_spacing
+    too_many = too_large(scene.settings(), float(mesh.volume))
+    if too_many:
+        raise UserError(f"{source}: numerics.particle_spacing: {too_many}")
     distance = distance_of_mesh(mesh, 0.5 * spacing, margin=(max(numerics.wall_layers, 3) + 1.5) * spacing)
     volume = distance.volume_below()
     count = round(volume / spacing**3)

@@ -167,13 +167,6 @@ class Workflow:
         return parameter
 
     @staticmethod
-    def calibration_depends() -> str:
-        """Return a parameter that changes when this computer has to be timed anew."""
-        from pipeline.calibration import identity
-
-        return " ".join(identity().values())
-
-    @staticmethod
     def expected_errors() -> str:
         """Return a parameter that changes with the errors that estimates tell."""
         from pipeline.expected_error import errors_file

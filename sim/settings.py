@@ -17,7 +17,7 @@ class Liquid:
 class Numerics:
     """How the equations are solved; the accuracy levels are named sets of these."""
 
-    particle_spacing: float = parameter(unit="m", exclusive_minimum=0.0, meaning="mean distance between particles")
+    particle_spacing: float = parameter(unit="m", minimum=1e-9, meaning="mean distance between particles")
     scheme: str = parameter("volume_incompressible",
                             choices=("volume_incompressible", "wcsph", "dfsph", "position_based"),
                             meaning="pressure solve and time integration")
@@ -40,7 +40,7 @@ class Numerics:
     minimum_time_step: float = parameter(1e-7, unit="s", exclusive_minimum=0.0,
                                          meaning="the run stops with a diagnosis below this time step")
     wall_layers: int = parameter(3, minimum=2, maximum=4, meaning="layers of wall particles")
-    threads: int = parameter(0, minimum=0, maximum=256, meaning="threads of the solver; 0 uses every core")
+    threads: int = parameter(0, minimum=0, maximum=256, meaning="threads of the solver; 0 takes as many as are useful")
     seed: int = parameter(0, minimum=0, meaning="seed of random choices (directions in which particles split)")
 
 

@@ -117,7 +117,7 @@ BAD = {
     "size of three": ("container: {size: [1, 1, 1]}", "container.size has 3 entries, but must have 2"),
     "flat container": ("container: {size: [1.2, 0 m]}", "container.size[1] is \"0 m\", but must be above 0 m"),
     "coarse": ("numerics: {particle_spacing: 0.3}", "must be at most 0.2 m, a quarter of the shortest side"),
-    "too fine": ("numerics: {particle_spacing: 1 um}", "must be large enough for 5e+07 particles"),
+    "too fine": ("numerics: {particle_spacing: 1 um}", "which makes 3.5e+11 particles that need"),
     "no liquid": ("blocks: null", "blocks is missing, so the container holds no liquid"),
     "blocks and initial": ("initial: {liquid: aqueous}", "initial is given beside blocks"),
     "unknown liquid": ("blocks: [{liquid: aqeous, lower: [0, 0], upper: [1, 0.5]}]", "did you mean aqueous?"),

@@ -242,7 +242,7 @@ BAD = {
     "mesh for parametric": ("eye: {path: tiny.yaml}", "model is parametric"),
     "eye of a whale": ("eye: {axial_length: 24}", "is 24, but must be at least 0.015 m and at most 0.04 m"),
     "coarse": ("numerics: {particle_spacing: 5 mm}", "must be at most 3 mm"),
-    "too fine": ("numerics: {particle_spacing: 1 um}", "this would need about 7e+12"),
+    "too fine": ("numerics: {particle_spacing: 1 um}", "which makes 5.1e+12 particles that need"),
     "time steps": ("numerics: {maximum_time_step: 1e-8}", "must be below maximum_time_step"),
     "unknown start": ("start_from: tamponad", 'start_from is "tamponad", but must be the name of a scene'),
     "start from itself": ("start_from: case", "start_from leads back to the same scene (case -> case)"),

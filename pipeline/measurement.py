@@ -1,0 +1,182 @@
+"""What a scene takes on this computer, measured on the scene itself: a few steps of every phase, a few frames of every
+stage that follows. Kept in outputs/measurements until the code, the computer or the scene changes.
+"""
+import dataclasses
+import functools
+import json
+import platform
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.digest import call_digest
+from pipeline.errors import UserError
+from pipeline.files import size_of, write_text
+from pipeline.initial import load_initial
+from pipeline.phases import phases_of
+from pipeline.scene_model import Scene
+from pipeline.usage import KINDS, at_least, run_stage
+from sim.cores import available_cores
+
+KEPT = Path("outputs/measurements")
+MODULES = ("pipeline.probe", "pipeline.eye", "pipeline.voxelize", "pipeline.reconstruct", "pipeline.render",
+           "pipeline.metrics", "pipeline.measurement")
+WORDS = ("title", "description", "label")
+PROBE_SECONDS, REHEARSAL_SECONDS = 60.0, 40.0
+REHEARSAL_PARTICLES = 1000  # enough that liquids fall, meet and splash as more of them do
+FRAMES, SHORT = 5, 10.0  # frames of the second run of a stage; s of all cores, above which one run will do
+STAGES = ("reconstruct", "render", "metrics")
+
+
+@functools.cache
+def computer() -> str:
+    """Return the processor, its cores, and the versions that decide how fast it is."""
+    import taichi
+
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    versions = f"Python {platform.python_version()}, Taichi {'.'.join(map(str, taichi.__version__))}"
+    return f"{model or platform.processor() or platform.machine()}, {available_cores()} cores, {versions}"
+
+
+def identity(scene: Scene) -> str:
+    """Return what a measurement holds for: the code, the computer and the scene without its words."""
+    values = {key: value for key, value in dataclasses.asdict(scene).items() if key not in WORDS}
+    chosen = {*scene.effects, scene.numerics.scheme}
+    return " ".join([*(call_digest(module, chosen, None) for module in MODULES),
+                     call_digest("pipeline.measurement", (), json.loads(json.dumps(values))), computer()])
+
+
+def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) -> dict:
+    """Return what a scene takes, from an earlier measurement where there is one.
+
+    Parameters
+    ----------
+    folder : of the scene that this one may start from.
+    made : surface of the cavity (eye.vtp) and particles (initial.npz) where they are there already; they are then
+        neither made nor timed.
+
+    Returns
+    -------
+    What :func:`measure` returns.
+    """
+    path, key = KEPT / f"{scene.name}_{scene.accuracy}{'_made' if made else ''}.json", identity(scene)
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        if kept["key"] == key:
+            return kept["measured"]
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # there is none, or it is damaged: it is made anew
+    with tempfile.TemporaryDirectory(prefix="estimate_") as name:
+        found = measure(scene, folder, Path(name), made)
+    write_text(path, json.dumps({"key": key, "measured": found}, indent=1) + "\n")
+    return found
+
+
+def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | None) -> dict:
+    """Measure a scene, with files in the folder ``work``.
+
+    Returns
+    -------
+    probe, rehearsal : of ``pipeline.probe``, the latter None for a full cavity; compilation : s that the first build of
+    the solver took beyond a later one; stages : what they take (:func:`time_stage`); cavity_volume, m^3 (m^2);
+    spacing : of the rehearsal, m; memory : bytes, of the simulation.
+    """
+    resolved, stages = work / "scene.json", {}
+    write_text(resolved, scene.to_json())
+    if made is None:
+        mesh, initial = made = work / "eye.vtp", work / "initial.npz"
+        for stage, output, *given in (("eye", mesh), ("voxelize", initial, mesh)):
+            took = run_stage(stage, resolved, *given, "--output", output, "--report", work / f"{stage}.json")
+            stages[stage] = took | {"disk": float(size_of(output))}
+    mesh, initial = made
+    volume = float(load_initial(initial)["cavity_volume"])
+    write_text(work / "phases.json", json.dumps([dataclasses.asdict(one) for one in phases_of(scene, volume, folder)]))
+    first = run_stage("probe", resolved, initial, "--output", work / "compiled.json")
+    took = run_stage("probe", resolved, initial, "--phases", work / "phases.json", "--seconds", PROBE_SECONDS,
+                     "--output", work / "probe.json", quiet=False)
+    probe = json.loads((work / "probe.json").read_text())
+    stages |= {stage: time_stage(stage, resolved, initial, mesh, work) for stage in STAGES}
+    rehearsal, spacing = None, rehearsal_spacing(scene, probe["particles"])
+    if not scene.closed:
+        rehearsal = rehearse(coarser(scene, spacing), work / "rehearsal")
+    return {
+        "probe": probe, "rehearsal": rehearsal, "spacing": spacing, "stages": stages, "cavity_volume": volume,
+        "compilation": {kind: max(0.0, first[kind] - probe["start"][kind]) for kind in KINDS},
+        "memory": took["memory"]}
+
+
+def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path) -> dict:
+    """Run a stage after the simulation on one frame, and where that is short on several.
+
+    Returns
+    -------
+    start, frame : wall and cpu, s, of a process and of a frame; memory, disk : bytes, disk for each frame.
+    """
+    runs = []
+    for count in (1, FRAMES):
+        made = work / f"frames_{count}"
+        frames = made / "frames"
+        _link_frames(work / "frames", frames, count)
+        output = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}[stage]
+        more = {"reconstruct": (), "render": (), "metrics": (
+            "--summary", made / "metrics.html", "--plots", made / "plots")}[stage]
+        given = (mesh, frames, made / "surfaces") if stage == "render" else (frames,)
+        runs.append(run_stage(stage, scene, initial, *given, "--output", output, *more)
+                    | {"disk": size_of(output) / count})
+        if runs[0]["cpu"] > SHORT:
+            break
+    few, many = runs[0], runs[-1]
+    # A long run is nearly all its frame: a start counted with it errs on the safe side.
+    frame = {kind: max(0.0, many[kind] - few[kind]) / (FRAMES - 1) if len(runs) > 1 else few[kind] for kind in KINDS}
+    start = {kind: max(0.0, few[kind] - frame[kind]) for kind in KINDS}
+    for one in (frame, start):
+        one["wall"] = at_least(one["wall"], one["cpu"])
+    return {"start": start, "frame": frame, "memory": many["memory"], "disk": many["disk"]}
+
+
+def _link_frames(source: Path, folder: Path, count: int) -> None:
+    """Fill a folder with that many frames, which are links to those there are, again and again."""
+    from pipeline.frames import find_frames, frame_path
+
+    if folder.exists():
+        return
+    folder.mkdir(parents=True)
+    found = find_frames(source)
+    for index in range(count):
+        frame_path(folder, index).symlink_to(found[index % len(found)].absolute())
+
+
+def rehearsal_spacing(scene: Scene, particles: int) -> float:
+    """Return the particle spacing, m, with which a scene is rehearsed: as coarse as its liquids can be told from."""
+    spacing = scene.numerics.particle_spacing
+    wanted = spacing * (particles / REHEARSAL_PARTICLES) ** (1.0 / scene.dimension)
+    sides = [side for block in scene.blocks for side in block.sides]
+    funnels = [funnel.thickness for funnel in (scene.container.funnels if scene.container else ())]
+    return max(spacing, min([wanted, *(0.25 * side for side in sides), *(0.5 * thick for thick in funnels)]))
+
+
+def coarser(scene: Scene, spacing: float) -> Scene:
+    """Return a scene with a coarser spacing, m, and time steps that may be longer in the same proportion."""
+    numerics = scene.numerics
+    ratio = spacing / numerics.particle_spacing
+    fixed = numerics.time_step and ratio * numerics.time_step
+    return dataclasses.replace(scene, numerics=dataclasses.replace(
+        numerics, particle_spacing=spacing, time_step=fixed, maximum_time_step=ratio * numerics.maximum_time_step))
+
+
+def rehearse(scene: Scene, work: Path) -> dict | None:
+    """Run a coarse scene with a container to its end; None where it is refused, as a fixed time step may be."""
+    from pipeline.container import container_arrays
+
+    work.mkdir()
+    write_text(work / "scene.json", scene.to_json())
+    np.savez(work / "initial.npz", **container_arrays(scene))
+    try:
+        run_stage("probe", work / "scene.json", work / "initial.npz", "--rehearse", "--seconds", REHEARSAL_SECONDS,
+                  "--output", work / "rehearsal.json", quiet=False)
+    except UserError:
+        return None
+    found = json.loads((work / "rehearsal.json").read_text())
+    return found if found["frames"] else None

@@ -1,0 +1,180 @@
+"""Take a few steps of a scene as it is, in each of its phases, and write what they took (part of `pipeline.estimate`).
+
+With --rehearse a scene is run to its end instead: the estimate gives a coarser one, of which it asks only how large the
+steps are and how often the solves go round.
+"""
+import argparse
+import dataclasses
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.cli import run
+from pipeline.errors import UserError
+from pipeline.files import write_text
+from pipeline.frames import frame_path, save_checkpoint, write_frame
+from pipeline.initial import load_initial
+from pipeline.phases import Phase, state_in
+from pipeline.progress import progress
+from pipeline.scene import Scene, load_resolved
+from pipeline.simulate import build_solver, frame_of
+from pipeline.usage import at_least, usage
+
+COMPILING = 2  # steps at the start of a process, in which kernels are compiled or read from Taichi's cache
+SETTLING, STEPS, FEWEST = 4, 14, 4  # steps in which the solves get used to a phase; in all; in any case
+LONG = 1e3  # s, until which a probe would go on: its steps are not shortened to meet a frame
+ROUNDS = ("pressure_iterations", "viscosity_iterations")
+
+
+def clocks() -> np.ndarray:
+    """Seconds on the clock and of all cores of this process, (2,)."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def as_usage(seconds: np.ndarray) -> dict[str, float]:
+    """Return seconds (2,) by name; the clock never runs shorter than all cores together need."""
+    wall, cpu = map(float, np.maximum(seconds, 0.0))
+    return {"wall": at_least(wall, cpu), "cpu": cpu}
+
+
+def take_steps(solver, number: int, seconds: float = float("inf")) -> list[dict[str, float]]:
+    """Take steps, and return of each its time_step (s), wall and cpu (s), iterations, and the seconds of every part.
+
+    Parameters
+    ----------
+    number : of steps. seconds : by the clock, after which no more are begun, but for the fewest.
+    """
+    found, began, before = [], time.perf_counter(), clocks()
+    parts = {}
+    for dt in solver.advance(solver.time + LONG):
+        now, spent = clocks(), dict(solver.seconds)
+        found.append({"time_step": dt, **as_usage(now - before)}
+                     | {name: float(solver.statistics.get(name, 0.0)) for name in ROUNDS}
+                     | {f"part {name}": value - parts.get(name, 0.0) for name, value in spent.items()})
+        parts, before = spent, clocks()
+        if len(found) >= number or (len(found) >= FEWEST and time.perf_counter() - began > seconds):
+            break
+    return found
+
+
+def typical(steps: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return the mean iterations and length of steps; of times the median, which no disturbed step changes."""
+    return {name: float((np.mean if name in (*ROUNDS, "time_step") else np.median)([step[name] for step in steps]))
+            for name in steps[0]}
+
+
+def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path) -> dict:
+    """Take steps in every phase, and write frames and a checkpoint into a folder.
+
+    Returns
+    -------
+    particles, wall_particles; limit : time step of the liquid at rest, s; start : what a process takes before the
+    steps that count; frame : what writing a frame takes; phases : ``typical`` steps of every one that could be probed,
+    failed : why others could not; disk : bytes of a frame and of a checkpoint.
+    """
+    from sim.errors import RunError
+    from sim.time_step import step_at_rest
+
+    solver = build_solver(scene, initial)
+    state, found, failed, writing = solver.state(), [], [], []
+    warm = take_steps(solver, COMPILING)
+    start = usage()
+    with progress(len(phases), f"{scene.name}: probe at {scene.accuracy}", unit="phase") as bar:
+        for index, phase in enumerate(phases):
+            bar.set_postfix_str(phase.name)
+            try:
+                solver.restore(state_in(scene, solver, state, phase))
+                steps = take_steps(solver, STEPS, seconds / len(phases))
+                found.append(dataclasses.asdict(phase) | typical(steps[min(SETTLING, len(steps) // 2):])
+                             | {"steps": len(steps)})
+            except (RunError, OverflowError) as error:
+                failed.append(f"{phase.name} from {phase.begin:g} to {phase.end:g} s: {error}")
+                continue
+            for _ in range(1 if writing else 2):  # the first time VTK is imported
+                began = clocks()
+                write_frame(frame_path(folder, index), frame_of(scene, solver, {}))
+            writing.append(clocks() - began)
+            bar.update()
+    if not found:
+        raise UserError(f"{scene.name}: no step of it could be probed ({'; '.join(failed)})")
+    checkpoint = folder / "checkpoint.npz"
+    save_checkpoint(checkpoint, state)
+    usual = len(warm) * np.array([found[0]["wall"], found[0]["cpu"]])  # such steps are counted with the others
+    return {
+        "particles": solver.count[None], "wall_particles": solver.walls.count, "limit": step_at_rest(solver),
+        "start": as_usage(np.array([start["wall"], start["cpu"]]) - usual),
+        "frame": as_usage(np.median(writing, axis=0)), "phases": found, "failed": failed,
+        "disk": {"frame": max(path.stat().st_size for path in folder.glob("frame_*")),
+                 "checkpoint": checkpoint.stat().st_size}}
+
+
+def rehearse(scene: Scene, initial: dict[str, np.ndarray], seconds: float) -> dict:
+    """Run a scene to its end, or as far as it gets in so many seconds.
+
+    Returns
+    -------
+    first : ``typical`` of the steps that a probe would look at; frames : the same of every interval between frames;
+    failed : why it went no further.
+    """
+    from sim.errors import RunError
+
+    solver = build_solver(scene, initial)
+    start = solver.state()
+    first = typical(take_steps(solver, STEPS)[SETTLING:])
+    solver.restore(start)
+    frames, failed, began = [], [], time.perf_counter()
+    intervals = scene.frame_count - 1
+    with progress(intervals, f"{scene.name}: rehearse with {solver.count[None]} particles") as bar:
+        for index in range(intervals):
+            steps = []
+            try:
+                for dt in solver.advance((index + 1) * scene.output.frame_interval):
+                    steps.append({"time_step": dt} | {name: float(solver.statistics.get(name, 0.0)) for name in ROUNDS})
+            except (RunError, OverflowError) as error:
+                failed.append(str(error))
+            if steps:
+                frames.append(typical(steps))
+            if failed or time.perf_counter() - began > seconds:
+                break
+            bar.update()
+    return {"first": first, "frames": frames, "failed": failed}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Command line of the probe."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.probe", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
+    p.add_argument("initial", type=Path, help="its particles (initial.npz)")
+    p.add_argument("--phases", type=Path, metavar="FILE", help="phases to probe (JSON); without it the solver is only "
+                                                               "built, so that its kernels are compiled")
+    p.add_argument("--rehearse", action="store_true", help="run the scene to its end")
+    p.add_argument("--seconds", type=float, default=60.0, help="time for all steps (default 60)")
+    p.add_argument("--output", type=Path, required=True, help="file to write (JSON)")
+    options = p.parse_args(arguments)
+    scene, initial = load_resolved(options.scene), load_initial(options.initial)
+    from sim.errors import RunError
+    from sim.runtime import initialize
+
+    initialize(scene.numerics.precision, scene.numerics.threads)
+    imports = usage()
+    try:
+        if options.rehearse:
+            found = rehearse(scene, initial, options.seconds)
+        elif options.phases is None:
+            take_steps(build_solver(scene, initial), COMPILING)
+            found = {}
+        else:
+            phases = [Phase(**one) for one in json.loads(options.phases.read_text())]
+            found = probe(scene, initial, phases, options.seconds, options.output.parent / "frames")
+            found["imports"] = imports
+    except (RunError, OverflowError) as error:
+        raise UserError(f"{scene.name}: its first steps went bad: {error}") from error
+    write_text(options.output, json.dumps(found) + "\n")
+
+
+if __name__ == "__main__":
+    run(main)
