@@ -283,11 +283,11 @@ def test_every_effect_acts(closed, circle):
     liquids = (cavities.AQUEOUS, Liquid("oil", 970.0, 0.05), Liquid("droplets", 970.0, 0.05))
 
     def moved(*effects):
-        numbers = {"effects": (cavities.parameters("gravity"), *effects), "liquids": liquids, "time_step": 2e-4,
+        numbers = {"effects": (cavities.parameters("gravity"), *effects), "liquids": liquids, "time_step": 1.5e-4,
                    "scheme": "position_based", "velocity": lambda x: 0.05 * x[:, ::-1] / SPACING * [0.1, 0.0]}
         solver = cavities.build(circle, **numbers) if closed else cavities.build(
             box, filled=lambda x: x[:, 1] < 4e-3, phase=lambda x: x[:, 1] > -2e-3, **numbers)
-        for _ in range(30):
+        for _ in range(40):
             solver.step()
         return solver.snapshot()
 

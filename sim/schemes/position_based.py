@@ -7,14 +7,14 @@ at rest, one iteration finds the multipliers of C_i = Gamma_i/Gamma_0 - 1 <= 0 a
     pi_i = omega (Gamma_i - Gamma_0) / (V_i [|S_i|^2/m_i + sum_j |V_j G_ij|^2/m_j + epsilon]),  0 where C_i <= 0,
     dx_i = -(V_i/m_i) [pi_i S_i + sum_j pi_j V_j G_ij + sum_b pi_b V_b G_ib].
 
-In S2's notation lambda_i = -V_i pi_i. What differs from S2, and why (numbers of the errata in the methods):
-the number density form and the masses in the sum serve two densities (E22, E26), and sum m_i dx_i = 0 holds away from
-walls for any volumes and masses; the constraint is an inequality (E19) only where there is a free surface, and an
-equality about the mean compression in a full cavity; the rest value is that of the lattice (E24); neighbors are found
-once per step, at x (a second search at x* changes a dam's front by less than 1 %, as another time step does); W and its
-gradient are the project's, one the gradient of the other, where S2 takes poly6 for one and spiky for the other; wall
-particles take the mean multiplier of the liquid around them (E20): where pi_i alone pushed, the pressure of a column
-20 dx high was off by 25 %, so by 4 %.
+In S2's notation lambda_i = -V_i pi_i. What differs from S2, and why (numbers of the errata in the methods): the number
+density form and the masses in the sum serve two densities (E22, E26), and sum m_i dx_i = 0 holds away from walls for
+any volumes and masses; the constraint is an inequality (E19), or by `constraint` an equality that pulls, only where
+there is a free surface, and an equality about the mean compression in a full cavity; the rest value is that of the
+lattice (E24); neighbors are found once per step, at x (a second search at x* changes a dam's front by less than 1 %, as
+another time step does); W and its gradient are the project's, one the gradient of the other, where S2 takes poly6 for
+one and spiky for the other; wall particles take the mean multiplier of the liquid around them (E20): where pi_i alone
+pushed, the pressure of a column 20 dx high was off by 25 %, so by 4 %.
 
 The sum of the multipliers is a pressure: m_i (x_i(t + dt) - x*_i)/dt^2 is the force -V_i sum_j V_j (p_i + p_j) G_ij of
 p_i = (sum over iterations of pi_i)/dt^2.
