@@ -12,9 +12,9 @@ particles of both liquids order themselves along the interface. So the tension i
 
 At a free surface k is taken as 1, and the tension is known to a factor of two at best. With position-based fluids the
 stresses in a flat slab in 2D added up to 0.97 sigma, in one in 3D, 8 dx thick, to 0.18 (it keeps the order of its
-lattice); puddles on a floor that does not attract them were as high as with 0.9 sigma in 2D (196 particles, not quite at
-rest) and 0.8 sigma in 3D (1500; 0.5 in twice the step); drops in 2D oscillated as with 0.35 to 1.4 sigma, by scheme and
-size.
+lattice); puddles on a floor that does not attract them were as high as with 0.9 sigma in 2D (196 particles, not quite
+at rest) and 0.8 sigma in 3D (1500; 0.5 in twice the step); drops in 2D oscillated as with 0.35 to 1.4 sigma, by scheme
+and size.
 
 Position-based fluids correct what is too dense only, so that nothing but the step holds the pull of what is stretched:
 drops of 200 to 700 particles burst in steps of 1.5 sqrt(rho dx^3/(2 pi sigma)), sigma that of the integral. In steps of
