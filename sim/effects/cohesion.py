@@ -8,9 +8,13 @@ A tension in N/m becomes gamma = sigma / (k a rho^2 h^2). a is what the integral
 sigma = (pi/8) n^2 int r^4 f dr in 3D and (1/3) n^2 int r^3 f dr in 2D, with f the force of a pair and n the number
 density. k is what the pressure jump of drops at rest gives over that, 2.5 to 4.2 in 2D and 2.1 to 3.7 in 3D: the
 particles of both liquids order themselves along the interface. So the tension is known to a third only;
-`interface_tension` is within 2 %. At a free surface they do not, and k is taken as 1: with position-based
-fluids the stresses in a flat slab in 2D add up to 0.97 sigma, and puddles on a floor that does not attract them are as
-high as with 0.9 sigma in 2D (196 particles) and 0.8 sigma in 3D (1500), if they do not wet it at all.
+`interface_tension` is within 2 %.
+
+At a free surface k is taken as 1, and the tension is known to a factor of two at best. With position-based fluids the
+stresses in a flat slab in 2D added up to 0.97 sigma, in one in 3D, 8 dx thick, to 0.18 (it keeps the order of its
+lattice); puddles on a floor that does not attract them were as high as with 0.9 sigma in 2D (196 particles, not quite
+at rest) and 0.8 sigma in 3D (1500; 0.5 in twice the step); drops in 2D oscillated as with 0.35 to 1.4 sigma, by scheme
+and size.
 
 Position-based fluids correct what is too dense only, so that nothing but the step holds the pull of what is stretched:
 drops of 200 to 700 particles burst in steps of 1.5 sqrt(rho dx^3/(2 pi sigma)), sigma that of the integral. In steps of
