@@ -107,7 +107,10 @@ def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:
             yield Span(max(1, round(frames * math.ceil(interval / phase["time_step"] - 1e-9))), phase["wall"],
                        phase["cpu"], phase["pressure_iterations"], phase["viscosity_iterations"])
         return
-    (phase,), first, frames = phases, rehearsal["first"], rehearsal["frames"]
+    (phase,), frames = phases, rehearsal["frames"]
+    probed = phase["steps"] * phase["time_step"] / interval  # its second half was looked at
+    early = frames[int(0.5 * probed):math.ceil(probed)] or frames
+    first = {name: sum(frame[name] for frame in early) / len(early) for name in ROUNDS}
     finer = scene.numerics.particle_spacing / measured["spacing"]
     solves = sum(phase.get(f"part {name}", 0.0) for name in SOLVES) / phase["wall"]
     lost = (scene.frame_count - 1) / len(frames)

@@ -24,7 +24,7 @@ from pipeline.simulate import build_solver, frame_of
 from pipeline.usage import at_least, usage
 
 COMPILING = 2  # steps at the start of a process, in which kernels are compiled or read from Taichi's cache
-SETTLING, STEPS, FEWEST = 4, 14, 4  # steps in which the solves get used to a phase; in all; in any case
+STEPS, FEWEST = 60, 4  # in all phases together; in each in any case
 LONG = 1e3  # s, until which a probe would go on: its steps are not shortened to meet a frame
 ROUNDS = ("pressure_iterations", "viscosity_iterations")
 
@@ -45,17 +45,19 @@ def take_steps(solver, number: int, seconds: float = float("inf")) -> list[dict[
 
     Parameters
     ----------
-    number : of steps. seconds : by the clock, after which no more are begun, but for the fewest.
+    number : of steps. seconds : on a computer that does nothing else, after which no more are begun, but for the
+        fewest: what others take of it does not leave the solves less time to settle.
     """
-    found, began, before = [], time.perf_counter(), clocks()
+    found, began, before = [], time.process_time(), clocks()
     parts = {}
     for dt in solver.advance(solver.time + LONG):
-        now, spent = clocks(), dict(solver.seconds)
+        now, sums = clocks(), dict(solver.seconds)
         found.append({"time_step": dt, **as_usage(now - before)}
                      | {name: float(solver.statistics.get(name, 0.0)) for name in ROUNDS}
-                     | {f"part {name}": value - parts.get(name, 0.0) for name, value in spent.items()})
-        parts, before = spent, clocks()
-        if len(found) >= number or (len(found) >= FEWEST and time.perf_counter() - began > seconds):
+                     | {f"part {name}": value - parts.get(name, 0.0) for name, value in sums.items()})
+        parts, before = sums, clocks()
+        spent = at_least(0.0, time.process_time() - began)
+        if len(found) >= number or (len(found) >= FEWEST and spent > seconds):
             break
     return found
 
@@ -66,13 +68,18 @@ def typical(steps: Sequence[dict[str, float]]) -> dict[str, float]:
             for name in steps[0]}
 
 
+def settled(steps: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return what is typical of the second half of steps: in the first one the solves get used to a phase."""
+    return typical(steps[len(steps) // 2:])
+
+
 def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path) -> dict:
     """Take steps in every phase, and write frames and a checkpoint into a folder.
 
     Returns
     -------
     particles, wall_particles; limit : time step of the liquid at rest, s; start : what a process takes before the
-    steps that count; frame : what writing a frame takes; phases : ``typical`` steps of every one that could be probed,
+    steps that count; frame : what writing a frame takes; phases : ``settled`` steps of every one that could be probed,
     failed : why others could not; disk : bytes of a frame and of a checkpoint.
     """
     from sim.errors import RunError
@@ -87,9 +94,8 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
             bar.set_postfix_str(phase.name)
             try:
                 solver.restore(state_in(scene, solver, state, phase))
-                steps = take_steps(solver, STEPS, seconds / len(phases))
-                found.append(dataclasses.asdict(phase) | typical(steps[min(SETTLING, len(steps) // 2):])
-                             | {"steps": len(steps)})
+                steps = take_steps(solver, max(FEWEST, STEPS // len(phases)), seconds / len(phases))
+                found.append(dataclasses.asdict(phase) | settled(steps) | {"steps": len(steps)})
             except (RunError, OverflowError) as error:
                 failed.append(f"{phase.name} from {phase.begin:g} to {phase.end:g} s: {error}")
                 continue
@@ -116,15 +122,11 @@ def rehearse(scene: Scene, initial: dict[str, np.ndarray], seconds: float) -> di
 
     Returns
     -------
-    first : ``typical`` of the steps that a probe would look at; frames : the same of every interval between frames;
-    failed : why it went no further.
+    frames : ``typical`` steps of every interval between frames; failed : why it went no further.
     """
     from sim.errors import RunError
 
     solver = build_solver(scene, initial)
-    start = solver.state()
-    first = typical(take_steps(solver, STEPS)[SETTLING:])
-    solver.restore(start)
     frames, failed, began = [], [], time.perf_counter()
     intervals = scene.frame_count - 1
     with progress(intervals, f"{scene.name}: rehearse with {solver.count[None]} particles") as bar:
@@ -140,7 +142,7 @@ def rehearse(scene: Scene, initial: dict[str, np.ndarray], seconds: float) -> di
             if failed or time.perf_counter() - began > seconds:
                 break
             bar.update()
-    return {"first": first, "frames": frames, "failed": failed}
+    return {"frames": frames, "failed": failed}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
