@@ -285,7 +285,8 @@ def time_scales(scales: Scales) -> list[Quantity]:
     if diffusion and diffusion.coefficient:
         times.append(("diffusion", length**2 / diffusion.coefficient, "L2/D: the liquids are mixed all over"))
     if injection:
-        times.append(("injection", scales.injected_volume / injection.flow, "volume to inject over flow"))
+        times.append(("injection", injection.time_of(scales.injected_volume) - injection.start,
+                      "volume to inject over flow, which rises first"))
     if scales.turns:
         times.append(("turn", min(turn.duration for turn in scales.turns), "shortest turn of the posture"))
     times.append(("scene", scales.duration, "simulated time"))

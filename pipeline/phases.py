@@ -51,14 +51,14 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path) -> list[Phase]:
     spans += [("jolt", one.start, one.start + one.duration) for one in (gravity.jolts if gravity else ())]
     if injection and fill:
         missing = max(0.0, injection.fill - fill.get(injection.liquid, 0.0)) * cavity_volume
-        spans.append(("injection", injection.start, injection.start + missing / injection.flow))
+        spans.append(("injection", injection.start, injection.time_of(missing)))
     times = sorted({0.0, duration, *(time for _, *ends in spans for time in ends if time < duration)})
     found = []
     for begin, end in itertools.pairwise(times):
         names = [name for name, first, last in spans if first <= begin and end <= last]
         phase = Phase(" and ".join(names) or "rest", begin, end, fill)
         if injection and fill:
-            moved = min(max(0.0, phase.middle - injection.start) * injection.flow, missing) / cavity_volume
+            moved = min(injection.flowed(phase.middle), missing) / cavity_volume
             phase = dataclasses.replace(phase, fill=fill | {
                 injection.liquid: fill.get(injection.liquid, 0.0) + moved,
                 injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved})
@@ -107,7 +107,7 @@ def state_in(scene: Scene, solver, start: dict, phase: Phase) -> dict:
     injection = scene.effects.get("injection")
     if injection:
         present = float(volume[kinds == [one.name for one in scene.liquids].index(injection.liquid)].sum(dtype=float))
-        flown = injection.flow * max(0.0, phase.middle - injection.start)
+        flown = injection.flowed(phase.middle)
         state |= {"injection.finished": phase.fill[injection.liquid] > injection.fill - FILLED}
         if flown:
             state |= {"injection.volume_before": present - flown}

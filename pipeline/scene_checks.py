@@ -229,6 +229,8 @@ def _injection_has_room(initial: Initial, effects: dict, start_from: str | None)
     injection = effects.get("injection")
     if not injection or start_from is not None:
         return
+    if initial.fill is None and initial.liquid is None:
+        return
     fill = initial.fill if initial.fill is not None else {initial.liquid: 1.0}
     present, leaving = fill.get(injection.liquid, 0.0), fill.get(injection.drained_liquid, 0.0)
     if present >= injection.fill:
