@@ -58,6 +58,7 @@ class VolumeIncompressible(Scheme):
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
+        self.corrects_velocity = any(effect.overrides("correct_velocity") for effect in solver.effects)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
 
     @classmethod
@@ -99,10 +100,23 @@ class VolumeIncompressible(Scheme):
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver
         solver.accelerate(dt)
-        statistics = solver.correct_velocity(dt)
+        solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
+        statistics = self._correct_velocity(dt) if self.corrects_velocity else {}
         speed = solver.largest_speed()
         statistics |= solver.timed("pressure", self.project, dt, speed)
         return statistics | solver.timed("position correction", self.advect, dt)
+
+    def _correct_velocity(self, dt: float) -> dict[str, float]:
+        """Implicit viscosity and the like, under the pressure of the last step (incremental pressure correction).
+
+        Viscosity then sees forces that nearly balance. Without the pressure it answers forces that the solve takes away
+        again only after it, and what is left, in proportion to the time step, stirs the oil (van Kan 1986).
+        """
+        accelerate, pressed = self.operators.accelerate, (self.pressure, self.velocity)
+        self.solver.timed("pressure", accelerate, *pressed, dt, True)
+        statistics = self.solver.correct_velocity(dt)
+        self.solver.timed("pressure", accelerate, *pressed, -dt, True)
+        return statistics
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
@@ -167,7 +181,6 @@ class VolumeIncompressible(Scheme):
 
     def project(self, dt: float, largest_speed: float) -> dict[str, float]:
         """Make the velocity free of divergence; return the solve's statistics."""
-        self.operators.push_from_walls(self.position, self.acceleration, self.velocity, dt)
         self._set_velocity_right_side(dt)
         self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
         tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
