@@ -160,7 +160,7 @@ def test_injection_goes_on_from_what_is_in_the_cavity(taichi, write):
 
     before = oil()
     time = sum(solver.step() for _ in range(5))
-    assert before == pytest.approx(0.2 * 4e-4, rel=0.02) and oil() - before == pytest.approx(1e-4 * time, rel=0.02)
+    assert before == pytest.approx(0.2 * 4e-4, rel=0.02) and oil() - before == pytest.approx(1e-4 * time, rel=1e-2)
     solver.restore(state_in(scene, solver, start, rest))
     before = oil()
     for _ in range(3):
