@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pipeline.study_model import Row
 from pipeline.study_tank import TankParameters, build, cavity
 from sim.effects.gravity import Jolt, Turn
 from sim.errors import RunError
@@ -25,7 +26,7 @@ MOST_STEPS = 6000  # a run that takes more is given up
 LEAST_SPEED = 0.06  # m/s, a tenth of free fall through the cavity: noise, where nothing sets the liquid in motion
 MAXIMUM_STEP = 0.05  # s: beyond the limits by speed and acceleration
 LOOKS = 100  # times that a run is looked at
-HELD, DEGRADED, REFUSED, FAILED = "held", "degraded", "refused", "failed"
+OUTCOMES = HELD, DEGRADED, REFUSED, FAILED = "held", "degraded", "refused", "failed"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,6 +159,19 @@ class Verdict:
     values: dict[str, tuple[float, float | None]] = dataclasses.field(default_factory=dict)
     steps: int = 0
     smallest_step: float = math.nan
+
+    def rows(self, wall_s: float) -> list[Row]:
+        """Rows of a table: the outcome, 0 to 3 as in ``OUTCOMES``, and everything that was measured."""
+        common = {"at": f"[{self.name}]", "wall_s": wall_s}
+        rows = [Row("verdict", float(OUTCOMES.index(self.outcome)), error=float(self.outcome == FAILED), tolerance=0.0,
+                    **common)]
+        for quantity, (value, limit) in self.values.items():
+            rows.append(Row(quantity, value, error=None if limit is None else max(value, 0.0), tolerance=limit,
+                            reference=None if limit is None else 0.0, **common))
+        if self.steps:
+            rows += [Row("time steps", float(self.steps), **common),
+                     Row("smallest time step", self.smallest_step, "s", **common)]
+        return rows
 
 
 def closed_tank(scheme: str, *, liquids: Sequence[Liquid] = (AQUEOUS, OIL), spacing: float = SPACING,

@@ -24,7 +24,6 @@ from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "diffusion", "injection")
 PICTURES = ("stability_table",)
-OUTCOMES = (hard.HELD, hard.DEGRADED, hard.REFUSED, hard.FAILED)
 COLORS = {hard.HELD: "#cfe8d5", hard.DEGRADED: "#f6e7b4", hard.REFUSED: "#d5dfee", hard.FAILED: "#f2b8ad"}
 WORDS = {hard.HELD: "held", hard.DEGRADED: "held, small steps", hard.REFUSED: "refused", hard.FAILED: "failed"}
 GROUPS = ("closed", "open", "time_step", "effects", "limits")
@@ -43,26 +42,13 @@ def run(parameters: Parameters) -> Outcome:
     outcome, cpu_begin = Outcome(), time.process_time()
     begin = time.perf_counter()
     for verdict in itertools.chain.from_iterable(part(parameters.scheme) for part in RUNS[parameters.group]):
-        add(outcome, verdict, time.perf_counter() - begin)
+        outcome.rows += verdict.rows(time.perf_counter() - begin)
         begin = time.perf_counter()
         if verdict.sentence:
             outcome.remarks.append(f"{parameters.scheme}, {verdict.name}: {WORDS[verdict.outcome]} "
                                    f"({verdict.sentence}).")
     outcome.rows.append(Row("processor time of all cases", time.process_time() - cpu_begin, "s"))
     return outcome
-
-
-def add(outcome: Outcome, verdict: Verdict, wall_s: float) -> None:
-    """Write a verdict into rows: the outcome, 0 to 3 as in ``OUTCOMES``, and everything that was measured."""
-    common = {"at": f"[{verdict.name}]", "wall_s": wall_s}
-    failed = float(verdict.outcome == hard.FAILED)
-    outcome.rows.append(Row("verdict", float(OUTCOMES.index(verdict.outcome)), error=failed, tolerance=0.0, **common))
-    for quantity, (value, limit) in verdict.values.items():
-        outcome.rows.append(Row(quantity, value, error=None if limit is None else max(value, 0.0), tolerance=limit,
-                                reference=None if limit is None else 0.0, **common))
-    if verdict.steps:
-        outcome.rows += [Row("time steps", float(verdict.steps), **common),
-                         Row("smallest time step", verdict.smallest_step, "s", **common)]
 
 
 def judged(head: str, tank: Tank, cases) -> Iterator[Verdict]:
@@ -204,7 +190,7 @@ def pictures(outcomes: list[Outcome]) -> dict[str, bytes]:
         scheme = outcome.case.split("-")[1]
         for row in outcome.rows:
             if row.quantity == "verdict":
-                table.setdefault(row.at.strip("[]"), {})[scheme] = OUTCOMES[int(row.value)]
+                table.setdefault(row.at.strip("[]"), {})[scheme] = hard.OUTCOMES[int(row.value)]
     names = list(SCHEMES)
     canvas, axes = panels(1, 1, (9.0, 0.21 * (len(table) + 3)))
     axes = axes[0, 0]

@@ -1,0 +1,70 @@
+"""Hard cases in the eye itself, at the size of a real run.
+
+A scene of the eye is run for a while with one thing changed, and held to the limits of ``pipeline.hard_cases``: turned
+face down and hit, ten times the interface tension, nearly no oil and nearly nothing else, and the widest range of
+viscosities.
+"""
+import dataclasses
+import time
+
+from pipeline.hard_cases import FAILED, HardCase, Tank, judge
+from pipeline.scene import PROJECT_CONFIG, load_scene
+from pipeline.scene_model import Scene
+from pipeline.study_model import Outcome, Row
+from pipeline.study_tank import TankParameters, scene_solver
+from sim.parameters import parameter
+
+EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
+OIL, AQUEOUS = "silicone_oil_1000", "aqueous"
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters(TankParameters):
+    """A scene of the eye, and what is changed; ``resolutions`` and ``largest_step`` are not used."""
+
+    scene: str = parameter("resting_eye", choices=("jolted_eye", "resting_eye"), meaning="scene of the eye")
+    tension_factor: float = parameter(1.0, exclusive_minimum=0.0, meaning="interface tension over that of the scene")
+    fill: float = parameter(0.85, exclusive_minimum=0.0, maximum=0.999, meaning="fraction of oil at the start")
+    viscosity_ratio: float | None = parameter(None, exclusive_minimum=0.0, meaning="viscosity of the oil over that of "
+                                              "the aqueous, else that of the liquids")
+    duration: float = parameter(0.2, unit="s", exclusive_minimum=0.0, meaning="simulated time")
+    spacing: float = parameter(4e-4, unit="m", exclusive_minimum=0.0, meaning="distance between particles")
+
+
+def changed_scene(case: Parameters) -> Scene:
+    """The scene with what the case changes."""
+    scene = load_scene(PROJECT_CONFIG / "scenes" / f"{case.scene}.yaml", "draft")
+    effects = dict(scene.effects)
+    if "interface_tension" in effects:
+        tension = effects["interface_tension"]
+        effects["interface_tension"] = dataclasses.replace(tension,
+                                                           coefficient=case.tension_factor * tension.coefficient)
+    liquids = scene.liquids
+    if case.viscosity_ratio is not None:
+        thin = next(liquid.dynamic_viscosity for liquid in liquids if liquid.name == AQUEOUS)
+        liquids = tuple(dataclasses.replace(liquid, dynamic_viscosity=case.viscosity_ratio * thin)
+                        if liquid.name == OIL else liquid for liquid in liquids)
+    initial = dataclasses.replace(scene.initial, fill={OIL: case.fill, AQUEOUS: 1.0 - case.fill})
+    return dataclasses.replace(scene, effects=effects, liquids=liquids, initial=initial)
+
+
+def run(case: Parameters) -> Outcome:
+    """Run the scene from its start and judge it."""
+    scene = changed_scene(case)
+    tank = Tank(scene_solver(case, scene, case.spacing))
+    gravity = scene.effects["gravity"]
+
+    def start(tank: Tank) -> None:
+        tank.set_gravity(turns=gravity.turns, jolts=gravity.jolts)
+
+    begin, cpu_begin = time.perf_counter(), time.process_time()
+    verdict = judge(tank, HardCase(f"{1e3 * case.spacing:g} mm", start, case.duration, works=True))
+    outcome = Outcome(verdict.rows(time.perf_counter() - begin))
+    at = f"[{verdict.name}]"
+    outcome.rows += [Row("particles", float(tank.solver.count[None]), at=at),
+                     Row("time reached", tank.solver.time, "s", at=at),
+                     Row("processor time", time.process_time() - cpu_begin, "s", at=at)]
+    if verdict.sentence:
+        outcome.remarks.append(f"{case.scene} {at}: {'failed' if verdict.outcome == FAILED else verdict.outcome} "
+                               f"({verdict.sentence}).")
+    return outcome
