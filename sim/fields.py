@@ -144,12 +144,6 @@ class ParticleStore:
         self.count[None] = count + len(rows)
         return count
 
-    def set_row(self, row: int, values: dict) -> None:
-        """Set some fields of one particle."""
-        for name, value in values.items():
-            make = (lambda value: value, ti.Vector, ti.Matrix)[np.ndim(value)]
-            self.arrays[name][row] = make(np.asarray(value, float).tolist() if np.ndim(value) else value)
-
     def remove(self, rows: np.ndarray) -> None:
         """Remove particles; the last ones take their rows."""
         count = self.count[None] - len(rows)

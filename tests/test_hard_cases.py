@@ -10,6 +10,7 @@ from pipeline import hard_cases as hard
 from pipeline.errors import UserError
 from pipeline.scene import load_scene
 from pipeline.simulate import simulate_segment
+from pipeline.studies import hard_eye
 from sim import effects
 from sim.effects.effect import Effect
 
@@ -50,7 +51,9 @@ class Fault(Effect):
         if self.parameters.hook in ("velocity", "push") and self.solver.step_count >= self.parameters.step:
             row = int(np.flatnonzero(self.solver.particles.to_numpy("id") == 17)[0])
             speed = np.nan if self.parameters.hook == "velocity" else 1e6
-            self.solver.particles.set_row(row, {"velocity": np.array([speed, 0.0])})
+            velocity = self.solver.particles.to_numpy("velocity")
+            velocity[row] = (speed, 0.0)
+            self.solver.particles.from_numpy("velocity", velocity)
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +153,21 @@ def test_fast_liquid_takes_small_steps_and_says_so_once(tanks, scene, tmp_path, 
     hard.throw(tank)
     simulate_segment(scene, tank.solver, 0, tmp_path / "frames")
     assert capsys.readouterr().out.count("warning: at ") == 1 and len(list((tmp_path / "frames").iterdir())) == 3
+
+
+# In the eye itself; the study `hard_eye_study` runs them for longer and at full size.
+
+def test_eye_is_changed_as_the_case_says():
+    scene = hard_eye.changed_scene(hard_eye.Parameters(tension_factor=10.0, fill=0.01, viscosity_ratio=7000.0))
+    thin, oil = scene.liquids
+    assert oil.dynamic_viscosity == pytest.approx(7000.0 * thin.dynamic_viscosity)
+    assert scene.effects["interface_tension"].coefficient == pytest.approx(0.4)
+    assert scene.initial.fill == pytest.approx({"silicone_oil_1000": 0.01, "aqueous": 0.99})
+
+
+def test_jolted_eye_is_judged_with_its_jolt():
+    case = hard_eye.Parameters(scene="jolted_eye", duration=0.32, spacing=2e-3, support_ratio=2.5)
+    values = {row.quantity: row.value for row in hard_eye.run(case).rows}
+    assert values["verdict"] == hard.OUTCOMES.index(hard.HELD) and values["particles"] > 500
+    assert values["time reached"] == pytest.approx(0.32)
+    assert 0.03 < values["speed / expected"] < 1.0  # 0.016 before the jolt

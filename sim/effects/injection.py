@@ -73,7 +73,7 @@ class InjectionParameters:
 class Injection(Effect):
     """Growing and shrinking particles at the cannula and the drain.
 
-    The entering liquid starts as a droplet at the tip of the cannula that takes the place of the drained liquid.
+    Where no entering liquid is at the tip of the cannula, it starts there as a droplet in place of the drained liquid.
     """
 
     name = "injection"
@@ -206,7 +206,8 @@ class Injection(Effect):
 
     def _place_droplet(self, dt: float) -> None:
         self._measure()
-        if self.volumes[0] < self.parameters.region_volume(self.rest_volume, self.dimension, dt):
+        enough = self.volumes[0] >= self.parameters.region_volume(self.rest_volume, self.dimension, dt)
+        if not enough or self._reach(CANNULA, dt) > self._reach(DROPLET, dt):
             self._fill_droplet(self._reach(DROPLET, dt))
             self._measure()
         self.volume_before = self.volumes[0] - self.parameters.flowed(self.solver.time)
