@@ -147,8 +147,8 @@ rule estimate:
     threads: 1000  # as many as there are: nothing else runs while times are measured
     priority: 20  # before the simulation, which finds its kernels compiled
     shell:
-        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --output {output.page}"
-        " --output {output.levels} 2>&1 | tee {log}"
+        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {workflow.cores}"
+        " --output {output.page} --output {output.levels} 2>&1 | tee {log}"
 
 
 rule cost:

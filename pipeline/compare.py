@@ -98,9 +98,12 @@ def read_run(folder: Path) -> Run:
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder; run the scene at this level first")
-    pictures = {int(path.stem.rpartition("_")[2]): path for path in folder.glob("images/segment_*/frame_*.png")}
-    return Run(folder, load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv"), pictures,
-               [read_costs(path) for path in sorted(folder.glob("costs/segment_*.json"))])
+    scene = load_resolved(folder / "scene.json")
+    pictures = {int(path.stem.rpartition("_")[2]): path for name in scene.segment_names
+                for path in folder.glob(f"images/segment_{name}/frame_*.png")}
+    costs = [folder / "costs" / f"segment_{name}.json" for name in scene.segment_names]
+    return Run(folder, scene, read_table(folder / "metrics.csv"), pictures,
+               [read_costs(path) for path in costs if path.exists()])
 
 
 def check(runs: Sequence[Run]) -> None:

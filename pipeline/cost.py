@@ -41,6 +41,12 @@ def taken_by(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
     return found
 
 
+def segment_of(path: Path) -> str | None:
+    """Return the segment that a log is of; None for a stage that has none."""
+    last = path.name.partition(".")[0].rpartition("_")[2]
+    return last if last.isdecimal() else None
+
+
 def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
              frame_interval: float) -> list[tuple[str, str, str, str]]:
     """Return rows: what, predicted, real, predicted over real."""
@@ -110,7 +116,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise UserError(f"{options.estimate}: is no estimate of {scene.name} at {scene.accuracy}; make it again with "
                         "`python -m pipeline.estimate`") from error
     disk = float(sum(size_of(folder / name) for name in FILES))
-    lines = compared(level, taken_by(sorted(options.logs.glob("*.log.json"))), read_table(options.metrics), disk,
+    # A longer scene of before may have left logs of segments that this one does not have.
+    known = (None, *scene.segment_names)
+    logs = [path for path in sorted(options.logs.glob("*.log.json")) if segment_of(path) in known]
+    lines = compared(level, taken_by(logs), read_table(options.metrics), disk,
                      scene.output.frame_interval)
     write_text(options.output, page_of(scene.title or scene.name, level, lines))
     for name, predicted, real, ratio in lines:

@@ -16,8 +16,7 @@ from pipeline.scene_model import Scene
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pipeline", "sim")
 # These only speak to the user.
-WITHOUT_INFLUENCE = ("pipeline.advise", "pipeline.cli", "pipeline.errors", "pipeline.memory_check", "pipeline.progress",
-                     "pipeline.usage")
+WITHOUT_INFLUENCE = ("pipeline.advise", "pipeline.cli", "pipeline.errors", "pipeline.memory_check", "pipeline.progress")
 # How a scene was read does not matter beside its values, which the digest holds.
 INSTEAD = {"pipeline.scene": "pipeline.scene_model"}
 # Packages with one file per choice: a scene depends on the files it calls for, not on the others.

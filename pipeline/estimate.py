@@ -23,6 +23,8 @@ from pipeline.measurement import measured
 from pipeline.metrics_table import STYLE
 from pipeline.prediction import Prediction, predict
 from pipeline.scene import PROJECT_CONFIG, Scene, load_accuracy_levels, load_resolved, load_scene
+from pipeline.threads import solver_threads
+from sim.cores import available_cores
 
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
        "and with compiled kernels, as this estimate leaves them behind.")
@@ -124,6 +126,12 @@ def scenes_of(path: Path, accuracy: str | None) -> list[Scene]:
     return [load_scene(path, level) for level in levels]
 
 
+def with_threads(scene: Scene, cores: int) -> Scene:
+    """Return a scene with the threads that its solver gets where a run has so many cores."""
+    return dataclasses.replace(scene, numerics=dataclasses.replace(
+        scene.numerics, threads=solver_threads(scene, cores)))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     p = argparse.ArgumentParser(prog="python -m pipeline.estimate", description=__doc__,
@@ -135,12 +143,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--format", choices=FORMATS, help="what to write (default: as the name of the file says, else text)")
     p.add_argument("--output", type=Path, action="append", default=[], metavar="FILE",
                    help="file to write, .html, .json or text; may be given more than once (default: standard output)")
+    p.add_argument("--cores", type=int, metavar="N", help="cores that the run will have, as after -j of Snakemake "
+                                                          "(default: all)")
     options = p.parse_args(arguments)
-    scenes = scenes_of(options.scene, options.accuracy)
+    cores = available_cores() if options.cores is None else options.cores
+    if cores < 1:
+        raise UserError(f"--cores is {cores}, but must be at least 1")
+    scenes = [with_threads(scene, cores) for scene in scenes_of(options.scene, options.accuracy)]
     if options.made and len(scenes) > 1:
         raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
     folder = SCENES if options.scene.suffix == ".json" else options.scene.parent
-    levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made))) for scene in scenes)
+    levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made)), cores)
+                   for scene in scenes)
     found = Estimate(scenes[0].name, scenes[0].title or scenes[0].name, levels)
     for path in options.output:
         suffix = path.suffix.lstrip(".")

@@ -3,9 +3,11 @@ stage that follows. Kept in outputs/measurements until the code, the computer or
 """
 import dataclasses
 import functools
+import hashlib
 import json
 import platform
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from pipeline.errors import UserError
 from pipeline.files import size_of, write_text
 from pipeline.initial import load_initial
 from pipeline.phases import phases_of
+from pipeline.scene import load_scene
 from pipeline.scene_model import Scene
 from pipeline.usage import KINDS, at_least, run_stage
 from sim.cores import available_cores
@@ -40,12 +43,16 @@ def computer() -> str:
     return f"{model or platform.processor() or platform.machine()}, {available_cores()} cores, {versions}"
 
 
-def identity(scene: Scene) -> str:
-    """Return what a measurement holds for: the code, the computer and the scene without its words."""
+def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:
+    """Return what a measurement holds for: the code, the computer, the scene without its words, and what it reads."""
     values = {key: value for key, value in dataclasses.asdict(scene).items() if key not in WORDS}
     chosen = {*scene.effects, scene.numerics.scheme}
+    mesh = [Path(scene.eye.path)] if scene.eye is not None and scene.eye.path else []
+    read = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*mesh, *made)]
+    if scene.start_from is not None:
+        read.append(load_scene(folder / f"{scene.start_from}.yaml", scene.accuracy).to_json())
     return " ".join([*(call_digest(module, chosen, None) for module in MODULES),
-                     call_digest("pipeline.measurement", (), json.loads(json.dumps(values))), computer()])
+                     call_digest("pipeline.measurement", (), [json.loads(json.dumps(values)), read]), computer()])
 
 
 def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) -> dict:
@@ -61,7 +68,8 @@ def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) 
     -------
     What :func:`measure` returns.
     """
-    path, key = KEPT / f"{scene.name}_{scene.accuracy}{'_made' if made else ''}.json", identity(scene)
+    path = KEPT / f"{scene.name}_{scene.accuracy}{'_made' if made else ''}.json"
+    key = identity(scene, folder, made or ())
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept["key"] == key:
@@ -108,7 +116,7 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
 
 
 def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path) -> dict:
-    """Run a stage after the simulation on one frame, and where that is short on several.
+    """Run a stage after the simulation on one frame, and where that is short on several; with one thread, as Snakemake.
 
     Returns
     -------
@@ -120,10 +128,10 @@ def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path) -
         frames = made / "frames"
         _link_frames(work / "frames", frames, count)
         output = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}[stage]
-        more = {"reconstruct": (), "render": (), "metrics": (
+        more = {"reconstruct": ("--threads", 1), "render": (), "metrics": (
             "--summary", made / "metrics.html", "--plots", made / "plots")}[stage]
         given = (mesh, frames, made / "surfaces") if stage == "render" else (frames,)
-        runs.append(run_stage(stage, scene, initial, *given, "--output", output, *more)
+        runs.append(run_stage(stage, scene, initial, *given, "--output", output, *more, threads=1)
                     | {"disk": size_of(output) / count})
         if runs[0]["cpu"] > SHORT:
             break
@@ -166,8 +174,8 @@ def coarser(scene: Scene, spacing: float) -> Scene:
         numerics, particle_spacing=spacing, time_step=fixed, maximum_time_step=ratio * numerics.maximum_time_step))
 
 
-def rehearse(scene: Scene, work: Path) -> dict | None:
-    """Run a coarse scene with a container to its end; None where it is refused, as a fixed time step may be."""
+def rehearse(scene: Scene, work: Path) -> dict:
+    """Run a coarse scene with a container to its end; no frames where it is refused, as a fixed time step may be."""
     from pipeline.container import container_arrays
 
     work.mkdir()
@@ -176,7 +184,6 @@ def rehearse(scene: Scene, work: Path) -> dict | None:
     try:
         run_stage("probe", work / "scene.json", work / "initial.npz", "--rehearse", "--seconds", REHEARSAL_SECONDS,
                   "--output", work / "rehearsal.json", quiet=False)
-    except UserError:
-        return None
-    found = json.loads((work / "rehearsal.json").read_text())
-    return found if found["frames"] else None
+    except UserError as error:
+        return {"frames": [], "failed": list(error.messages)}
+    return json.loads((work / "rehearsal.json").read_text())

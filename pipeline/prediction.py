@@ -64,8 +64,13 @@ class Prediction:
     errors: tuple[ExpectedError, ...]
 
 
-def predict(scene: Scene, measured: Mapping) -> Prediction:
-    """Return what a scene will cost, from what was measured (``pipeline.measurement.measured``)."""
+def predict(scene: Scene, measured: Mapping, cores: int | None = None) -> Prediction:
+    """Return what a scene will cost, from what was measured (``pipeline.measurement.measured``).
+
+    Parameters
+    ----------
+    cores : that stages may take side by side, all if nothing is said.
+    """
     probe, found = measured["probe"], list(spans(scene, measured))
     steps = sum(span.steps for span in found)
 
@@ -90,7 +95,7 @@ def predict(scene: Scene, measured: Mapping) -> Prediction:
     return Prediction(
         scene.accuracy, scene.numerics.particle_spacing, probe["particles"], probe["wall_particles"],
         scene.output.duration / steps, steps, mean("pressure_iterations"), mean("viscosity_iterations"), seconds, start,
-        measured["compilation"], total(scene, seconds),
+        measured["compilation"], total(scene, seconds, min(cores or available_cores(), available_cores())),
         max(measured["memory"], *(stage["memory"] for stage in measured["stages"].values())), disk,
         sum(phase["steps"] for phase in probe["phases"]), tuple(notes(scene, measured)),
         tuple(expected_errors(scene, width)))
@@ -100,7 +105,7 @@ def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:
     """Yield the parts of a scene."""
     interval, probe, rehearsal = scene.output.frame_interval, measured["probe"], measured["rehearsal"]
     phases = probe["phases"]
-    if rehearsal is None:
+    if not (rehearsal and rehearsal["frames"]):
         lost = scene.output.duration / sum(phase["end"] - phase["begin"] for phase in phases)
         for phase in phases:  # every frame ends with a whole step; what could not be probed is as all the rest
             frames = lost * (phase["end"] - phase["begin"]) / interval
@@ -127,16 +132,17 @@ def notes(scene: Scene, measured: Mapping) -> Iterator[str]:
     for failure in measured["probe"]["failed"]:
         yield f"counted as the other phases are, because it could not be probed: {failure}"
     rehearsal = measured["rehearsal"]
-    if not scene.closed and rehearsal is None:
-        yield "the motion could not be rehearsed: all steps are counted as the first ones, and there may be more"
+    if rehearsal and not rehearsal["frames"]:
+        yield ("the motion could not be rehearsed, so that all steps are counted as the first ones, and there may be "
+               f"more: {'; '.join(rehearsal['failed'])}")
     elif rehearsal and len(rehearsal["frames"]) < scene.frame_count - 1:
         reason = f" ({rehearsal['failed'][0]})" if rehearsal["failed"] else ""
         until = len(rehearsal["frames"]) * scene.output.frame_interval
         yield f"the motion was rehearsed up to {until:.3g} s{reason}: what follows is counted as its mean"
 
 
-def total(scene: Scene, seconds: Mapping[str, Mapping[str, float]]) -> float:
+def total(scene: Scene, seconds: Mapping[str, Mapping[str, float]], cores: int) -> float:
     """Return the wall time of all stages, s: segments are a chain, and the last one is then drawn."""
     last = 1.0 / scene.segment_count
     chain = sum(stage["wall"] * (last if name in ("reconstruct", "render") else 1.0) for name, stage in seconds.items())
-    return max(chain, sum(stage["cpu"] for stage in seconds.values()) / available_cores())
+    return max(chain, sum(stage["cpu"] for stage in seconds.values()) / cores)

@@ -22,6 +22,7 @@ from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
 from pipeline.simulate import build_solver, frame_of
 from pipeline.usage import at_least, usage
+from sim.cores import useful_threads
 
 COMPILING = 2  # steps at the start of a process, in which kernels are compiled or read from Taichi's cache
 STEPS, FEWEST = 60, 4  # in all phases together; in each in any case
@@ -40,13 +41,15 @@ def as_usage(seconds: np.ndarray) -> dict[str, float]:
     return {"wall": at_least(wall, cpu), "cpu": cpu}
 
 
-def take_steps(solver, number: int, seconds: float = float("inf")) -> list[dict[str, float]]:
+def take_steps(solver, number: int, seconds: float = float("inf"), threads: int = 1) -> list[dict[str, float]]:
     """Take steps, and return of each its time_step (s), wall and cpu (s), iterations, and the seconds of every part.
 
     Parameters
     ----------
-    number : of steps. seconds : on a computer that does nothing else, after which no more are begun, but for the
-        fewest: what others take of it does not leave the solves less time to settle.
+    number : of steps.
+    seconds : on a computer that does nothing else, after which no more are begun, but for the fewest: what others take
+        of it does not leave the solves less time to settle.
+    threads : of the solver.
     """
     found, began, before = [], time.process_time(), clocks()
     parts = {}
@@ -56,7 +59,7 @@ def take_steps(solver, number: int, seconds: float = float("inf")) -> list[dict[
                      | {name: float(solver.statistics.get(name, 0.0)) for name in ROUNDS}
                      | {f"part {name}": value - parts.get(name, 0.0) for name, value in sums.items()})
         parts, before = sums, clocks()
-        spent = at_least(0.0, time.process_time() - began)
+        spent = (time.process_time() - began) / threads
         if len(found) >= number or (len(found) >= FEWEST and spent > seconds):
             break
     return found
@@ -94,7 +97,8 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
             bar.set_postfix_str(phase.name)
             try:
                 solver.restore(state_in(scene, solver, state, phase))
-                steps = take_steps(solver, max(FEWEST, STEPS // len(phases)), seconds / len(phases))
+                steps = take_steps(solver, max(FEWEST, STEPS // len(phases)), seconds / len(phases),
+                                   scene.numerics.threads or useful_threads())
                 found.append(dataclasses.asdict(phase) | settled(steps) | {"steps": len(steps)})
             except (RunError, OverflowError) as error:
                 failed.append(f"{phase.name} from {phase.begin:g} to {phase.end:g} s: {error}")

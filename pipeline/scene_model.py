@@ -147,6 +147,11 @@ class Scene:
         """Number of segments, each with its own checkpoint."""
         return math.ceil((self.frame_count - 1) / self.output.frames_per_segment)
 
+    @property
+    def segment_names(self) -> list[str]:
+        """Return the names of the segments: ``000``, ``001`` ..."""
+        return [f"{segment:03d}" for segment in range(self.segment_count)]
+
     def frames_of_segment(self, segment: int) -> range:
         """Return the frames of one segment; the start, frame 0, belongs to segment 0."""
         if not 0 <= segment < self.segment_count:

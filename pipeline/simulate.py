@@ -136,77 +136,103 @@ class Average:
         return {name: float(max(v) if name.endswith("_maximum") else np.mean(v)) for name, v in self.values.items()}
 
 
-def with_more_room(solver, rebuild: Callable | None, state: dict, error: Exception):
-    """Solver in the given state, with room for more neighbors and particles than `solver`, which is void after this.
+class Runner:
+    """A solver that is built anew with more room where it is full. What it computes does not depend on the room.
 
-    What it computes does not depend on the room. ``rebuild(head_room)`` builds it at t = 0.
+    Parameters
+    ----------
+    solver : the present one; None builds it.
+    rebuild : ``rebuild(head_room)`` returns the solver at t = 0; without it a full solver ends the run.
 
     Raises
     ------
     OutOfRoom
-        `error` again, where `rebuild` is None or liquid is compressed so far that more room is no remedy.
+        The start does not fit into the largest room.
     """
-    from sim.errors import OutOfRoom
-    from sim.runtime import restart as restart_taichi
 
-    head_room, seconds, cpu_seconds = solver.head_room, solver.seconds, solver.cpu_seconds
-    while True:
-        head_room *= MORE_ROOM
-        if rebuild is None or head_room > MOST_ROOM:
-            raise error
-        print(f"{error}; going on from {float(state['time']):.4g} s with more room", flush=True)
-        restart_taichi()
-        wider = rebuild(head_room)
-        wider.seconds, wider.cpu_seconds = seconds, cpu_seconds
+    def __init__(self, solver=None, rebuild: Callable | None = None):
+        from sim.errors import OutOfRoom
+        from sim.neighbor_rows import HEAD_ROOM
+
+        self.solver, self.rebuild, self.head_room = solver, rebuild, getattr(solver, "head_room", HEAD_ROOM)
+        if solver is None:
+            try:
+                self.solver = rebuild(self.head_room)
+            except OutOfRoom as error:
+                self.widen(None, error)
+
+    def widen(self, state: dict | None, error: Exception) -> None:
+        """Build the solver with more room, in a given state or at t = 0; what Taichi held before is void.
+
+        Raises
+        ------
+        OutOfRoom
+            `error` again, where nothing rebuilds or liquid is compressed so far that more room is no remedy.
+        """
+        from sim.errors import OutOfRoom
+        from sim.runtime import restart as restart_taichi
+
+        kept = {name: getattr(self.solver, name) for name in ("seconds", "cpu_seconds") if self.solver}
+        while True:
+            self.head_room *= MORE_ROOM
+            if self.rebuild is None or self.head_room > MOST_ROOM:
+                raise error
+            print(f"{error}; going on from {float(state['time']) if state else 0.0:.4g} s with more room", flush=True)
+            self.solver = None
+            restart_taichi()
+            try:
+                self.solver = self.rebuild(self.head_room)
+                vars(self.solver).update(kept)
+                if state:
+                    self.solver.restore(state)
+            except OutOfRoom as again:
+                error = again
+            else:
+                return
+
+    def restore(self, state: dict) -> None:
+        """Take up a state, with more room where it needs that."""
+        from sim.errors import OutOfRoom
+
         try:
-            wider.restore(state)
-        except OutOfRoom as again:
-            error = again
-        else:
-            return wider
-
-
-def advance(solver, rebuild: Callable | None, good: dict, until: float, after_step: Callable):
-    """Advance to the time `until`, s.
-
-    Parameters
-    ----------
-    rebuild : see `with_more_room`.
-    good : state at the start, which the steps are repeated from with more room where the solver runs out of it.
-    after_step : called with the solver and the step taken, s, after every step.
-
-    Returns
-    -------
-    The solver that has arrived, and the statistics of its steps (`Average`).
-    """
-    from sim.errors import OutOfRoom
-
-    while True:
-        average = Average()
-        try:
-            for dt in solver.advance(until):
-                average.add(solver.statistics)
-                after_step(solver, dt)
-            solver.check_finite()
+            self.solver.restore(state)
         except OutOfRoom as error:
-            solver = with_more_room(solver, rebuild, good, error)
-        else:
-            return solver, average.summary()
+            self.widen(state, error)
+
+    def advance(self, good: dict, until: float, after_step: Callable) -> dict[str, float]:
+        """Advance to the time `until`, s, and return the statistics of the steps (`Average`).
+
+        Parameters
+        ----------
+        good : state at the start, which the steps are repeated from with more room where the solver runs out of it.
+        after_step : called with the solver and the step taken, s, after every step.
+        """
+        from sim.errors import OutOfRoom
+
+        while True:
+            average = Average()
+            try:
+                for dt in self.solver.advance(until):
+                    average.add(self.solver.statistics)
+                    after_step(self.solver, dt)
+                self.solver.check_finite()
+            except OutOfRoom as error:
+                self.widen(good, error)
+            else:
+                return average.summary()
 
 
-def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: Path | None = None,
-                     rebuild: Callable | None = None):
-    """Advance `solver` over one segment and write its frames into `folder`.
+def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> dict:
+    """Advance the solver of `runner` over one segment and write its frames into `folder`.
 
     Parameters
     ----------
     restart : checkpoint that the segment started from.
-    rebuild : see `with_more_room`; without it the segment ends where the solver runs out of room.
 
     Returns
     -------
-    The solver at the end, and the times of its parts after the steps of the warm-up (`sim.costs.times`), empty if there
-    were no more steps.
+    The times of the solver's parts after the steps of the warm-up (`sim.costs.times`), empty if there were no more
+    steps.
 
     Raises
     ------
@@ -218,6 +244,7 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
     from sim.time_step import SMALL_STEP, step_at_rest
 
     frames = scene.frames_of_segment(segment)
+    solver = runner.solver
     first, warm, shown = solver.step_count, {}, 0.0
     usual, told = step_at_rest(solver), False
     good = solver.state()
@@ -241,12 +268,15 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
                 shown = now
 
             try:
-                solver, statistics = advance(solver, rebuild, good, until, after_step)
+                statistics = runner.advance(good, until, after_step)
             except (RunError, OverflowError) as error:
-                raise UserError(f"{scene.name}: the run went bad at {solver.time:.4g} s: "
+                solver = runner.solver
+                at = solver.time if solver else float(good["time"])
+                raise UserError(f"{scene.name}: the run went bad at {at:.4g} s: "
                                 f"{diagnosis(solver, good, until, error)}; {kept(scene, restart)}, try a smaller "
                                 "numerics.courant_number, numerics.maximum_time_step or, if given, numerics.time_step"
                                 ) from error
+            solver = runner.solver
             good = solver.state()
             if index == 0:
                 solver.prepare_output()
@@ -257,15 +287,18 @@ def simulate_segment(scene: Scene, solver, segment: int, folder: Path, restart: 
                       for effect in solver.effects if effect.name in solver.seconds}
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
-    return solver, warm if solver.step_count > first + WARM_UP else {}
+    return warm if solver.step_count > first + WARM_UP else {}
 
 
 def diagnosis(solver, good: dict, until: float, error: Exception) -> str:
-    """What went bad and where, found by repeating the steps since the last frame; else the error itself."""
+    """What went bad and where, found by repeating the steps since the last frame; else the error itself.
+
+    `solver` is None where it was given up for a wider one that could not be built.
+    """
     from sim.errors import RunError
     from sim.solver import Divergence
 
-    if not isinstance(error, Divergence | OverflowError):
+    if solver is None or not isinstance(error, Divergence | OverflowError):
         return str(error)
     try:
         solver.replay(good, until)
@@ -299,22 +332,24 @@ def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> 
                   f"{100 * share:.0f} % of the steps before {until:.4g} s", flush=True)
 
 
-def restored(solver, rebuild: Callable, state: dict, path: Path):
-    """Return the solver, or one with more room, in the state of a checkpoint.
+def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
+    """Take up the state of a checkpoint.
+
+    Parameters
+    ----------
+    begins : the end of another scene is the start of this one: its time is zero, and what is planned has not begun.
 
     Raises
     ------
     UserError
         When the file holds no state of such a solver.
     """
-    from sim.errors import OutOfRoom
-
+    if begins:
+        planned = tuple(f"{effect.name}." for effect in runner.solver.effects if effect.planned)
+        state = {key: value for key, value in state.items() if not key.startswith(planned)}
+        state |= {"time": 0.0, "step_count": 0}
     try:
-        try:
-            solver.restore(state)
-        except OutOfRoom as error:
-            return with_more_room(solver, rebuild, state, error)
-        return solver
+        runner.restore(state)
     except (KeyError, ValueError, OverflowError) as error:
         raise UserError(f"{path}: is no checkpoint that this scene can start from ({error}); it must have the same "
                         "eye, particle spacing and liquids") from error
@@ -375,21 +410,20 @@ def main() -> None:
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, threads)
-    rebuild = functools.partial(build_solver, scene, initial)
     try:
-        solver = rebuild()
+        runner = Runner(rebuild=functools.partial(build_solver, scene, initial))
     except OverflowError as error:
-        raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again") from error
-    for note in solver.notes:
+        raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again, or take a "
+                        "larger numerics.particle_spacing") from error
+    for note in runner.solver.notes:
         print(f"{scene.name}: {note}", flush=True)
     if state:
-        solver = restored(solver, rebuild, state, arguments.restart)
-        if arguments.segment == 0:  # the end of another scene is the start of this one
-            solver.time, solver.step_count = 0.0, 0
-    steps = solver.step_count
+        restore(runner, state, arguments.restart, begins=arguments.segment == 0)
+    steps = runner.solver.step_count
     with replacing_folder(arguments.frames) as folder:
         with counted_launches() as launches:
-            solver, warm = simulate_segment(scene, solver, arguments.segment, folder, arguments.restart, rebuild)
+            warm = simulate_segment(scene, runner, arguments.segment, folder, arguments.restart)
+        solver = runner.solver
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
         write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)

@@ -11,6 +11,7 @@ from typing import Any
 
 from pipeline.digest import call_digest
 from pipeline.errors import UserError
+from pipeline.scene import PROJECT_CONFIG, load_scene
 from pipeline.scene_files import read_yaml
 from pipeline.scene_reader import Errors, Reader, describe, nearest
 from pipeline.study_model import Outcome
@@ -50,7 +51,9 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        return call_digest(self.family.__name__, chosen, dataclasses.asdict(self.parameters))
+        solved = self.family.solves(self.parameters) if hasattr(self.family, "solves") else ()
+        scenes = [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", "draft").to_json() for name in solved]
+        return call_digest(self.family.__name__, chosen, [dataclasses.asdict(self.parameters), *scenes])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.scene_model import Scene
-from sim.cores import available_cores
+from sim.cores import USEFUL_THREADS, available_cores
 
 
 def checked_threads(threads: int, where: str) -> int:
@@ -35,6 +35,16 @@ def chosen_threads(option: int | None, scene: Scene, path: Path) -> int:
     if option is None:
         return checked_threads(scene.numerics.threads, f"{path}: numerics.threads")
     return checked_threads(option, "--threads")
+
+
+def solver_threads(scene: Scene, cores: int) -> int:
+    """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
+
+    The number is the scene's or, where it leaves that open, all cores, of which the third and more leave one for
+    drawing: with two, drawing takes less time than the simulation would lose, and waits for it.
+    """
+    cores = min(cores, available_cores())
+    return min(scene.numerics.threads or min(cores if cores <= 2 else cores - 1, USEFUL_THREADS), cores)
 
 
 def library_threads() -> int:

@@ -17,6 +17,7 @@ from pipeline.files import write_text
 from sim.cores import available_cores
 
 ASKED = "STAGE_USAGE"
+LIBRARIES = ("OMP_NUM_THREADS", "VTK_SMP_MAX_THREADS", "LP_NUM_THREADS")  # what tells them their threads
 KINDS = ("wall", "cpu")  # seconds on the clock, seconds of all cores
 
 
@@ -54,11 +55,12 @@ def read_usage(path: Path) -> dict[str, float]:
         raise UserError(f"{path}: does not hold what a stage took ({error}); run the stage again") from error
 
 
-def run_stage(stage: str, *arguments: object, quiet: bool = True) -> dict[str, float]:
+def run_stage(stage: str, *arguments: object, threads: int | None = None, quiet: bool = True) -> dict[str, float]:
     """Run a stage in a process of its own, and return what it took.
 
     Parameters
     ----------
+    threads : of libraries, as Snakemake tells them; None leaves that as it is.
     quiet : do not pass its progress on to standard error.
 
     Raises
@@ -68,8 +70,9 @@ def run_stage(stage: str, *arguments: object, quiet: bool = True) -> dict[str, f
     with tempfile.TemporaryDirectory(prefix="usage_") as folder:
         path = Path(folder) / f"{stage}.json"
         command = [sys.executable, "-m", f"pipeline.{stage}", *map(str, arguments)]
+        told = {} if threads is None else dict.fromkeys(LIBRARIES, str(threads))
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-                                   env=os.environ | {ASKED: str(path)})
+                                   env=os.environ | told | {ASKED: str(path)})
         errors, last = [], ""
         for line in process.stderr:
             if line.startswith("error: "):

@@ -19,8 +19,7 @@ from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.scene_model import Scene
 from pipeline.scene_reader import describe as shown
 from pipeline.scene_reader import nearest
-from pipeline.threads import chosen_threads
-from sim.cores import USEFUL_THREADS, available_cores
+from pipeline.threads import chosen_threads, solver_threads
 
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
@@ -100,18 +99,12 @@ class Workflow:
         return self._scenes[name, level]
 
     def threads(self, name: str, level: str, cores: int) -> int:
-        """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
-
-        The number is the scene's or, where it leaves that open, all cores, of which the third and more leave one for
-        drawing: with two, drawing takes less time than the simulation would lose, and waits for it.
-        """
-        cores = min(cores, available_cores())
-        asked = self.scene(name, level).numerics.threads
-        return min(asked or min(cores if cores <= 2 else cores - 1, USEFUL_THREADS), cores)
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores."""
+        return solver_threads(self.scene(name, level), cores)
 
     def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""
-        return [f"{segment:03d}" for segment in range(self.scene(name, level).segment_count)]
+        return self.scene(name, level).segment_names
 
     def start(self, name: str, level: str, segment: str) -> list[str]:
         """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""

@@ -2,7 +2,7 @@
 
 A run looks for numbers that are not finite once per step, which costs nothing, but is too late to say where they came
 from: a pressure solve spreads one of them over all particles at once. Steps are the same bit by bit when they are
-repeated from a state before, so a run that went bad is repeated with a look after every part (``Solver.watching``).
+repeated from a state before, so a run that went bad is repeated with a look after every part (``Solver.replay``).
 """
 import numpy as np
 import taichi as ti

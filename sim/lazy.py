@@ -28,14 +28,21 @@ def without_idle(settings: Settings) -> tuple[Settings, list[str]]:
 
 def cheapest(settings: Settings) -> tuple[Settings, list[str]]:
     """Return the settings with every effect in its cheapest form, and why any of them was changed."""
-    chosen, notes = list(settings.effects), []
+    notes = []
     classes = {effect.Parameters: effect for effect in effect_registry.REGISTRY.values()}
     for place, parameters in enumerate(settings.effects):
-        effect = classes[type(parameters)]
-        others = dataclasses.replace(settings, effects=tuple(one for one in settings.effects if one is not parameters))
-        limits = (*known_limits(others).values(), settings.numerics.time_step or float("inf"))
-        found = effect.instead(parameters, settings, min(limits))
+        effect, largest = classes[type(parameters)], _largest_step(settings)
+        found = effect.instead(parameters, settings, largest)
         if found:
-            chosen[place], reason = found
-            notes.append(f"{effect.name} {reason}")
-    return dataclasses.replace(settings, effects=tuple(chosen)), notes
+            other, reason = found
+            changed = dataclasses.replace(settings, effects=(*settings.effects[:place], other,
+                                                             *settings.effects[place + 1:]))
+            if _largest_step(changed) >= largest:  # another effect may need smaller steps beside it
+                settings = changed
+                notes.append(f"{effect.name} {reason}")
+    return settings, notes
+
+
+def _largest_step(settings: Settings) -> float:
+    """The time step that all limits known before a run allow, s."""
+    return min(*known_limits(settings).values(), settings.numerics.time_step or float("inf"))

@@ -112,4 +112,4 @@ class NeighborRows:
     def bytes(self) -> int:
         """Memory of the rows."""
         item = np.dtype(real_numpy()).itemsize
-        return 8 * self.rows + self.entries * (4 + item * (self.gradient.n + 1))
+        return 12 * self.rows + self.entries * (4 + item * (self.gradient.n + 1))

@@ -279,6 +279,7 @@ class Solver:
                 self.check_finite()
             raise
         self.timed("time step", self._largest_accelerations, dt)
+        self.timed("time step", self._largest_values)  # as after a restart, for the choice of the next step
         self.time += dt
         self.step_count += 1
         self.statistics = {"time_step": dt, **statistics}

@@ -426,11 +426,11 @@ def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(taichi, write):
 
 
 def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsys):
-    from pipeline.simulate import build_solver, simulate_segment
+    from pipeline.simulate import Runner, build_solver, simulate_segment
 
     text = "extends: base\nnumerics: {scheme: volume_incompressible, maximum_iterations: 1}\n"
     scene = load_scene(write(text), "draft")
-    simulate_segment(scene, build_solver(scene, container_arrays(scene)), 0, tmp_path)
+    simulate_segment(scene, Runner(build_solver(scene, container_arrays(scene))), 0, tmp_path)
     assert "the pressure solve ended at its limit of 1 iterations (numerics.maximum_iterations) in" in (
         capsys.readouterr().out)
     share = read_frame(find_frames(tmp_path)[-1]).statistics["pressure_limit_hit"]

@@ -219,7 +219,9 @@ def test_rehearsal_decides_steps_and_iterations():
     short = synthetic(scene, rehearsal={"frames": frames[:75], "failed": ["it burst"]})
     assert predict(scene, short).steps == 2 * (2 * 20 + 73 * 10)
     assert "rehearsed up to 1.5 s (it burst)" in predict(scene, short).notes[0]
-    assert "could not be rehearsed" in predict(scene, synthetic(scene, rehearsal=None)).notes[0]
+    refused = {"frames": [], "failed": ["the fixed time step is too large"]}
+    told = predict(scene, synthetic(scene, rehearsal=refused)).notes[0]
+    assert "could not be rehearsed" in told and told.endswith("more: the fixed time step is too large")
 
 
 def test_phase_that_cannot_be_probed_counts_as_the_others():

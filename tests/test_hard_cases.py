@@ -9,7 +9,7 @@ import taichi as ti
 from pipeline import hard_cases as hard
 from pipeline.errors import UserError
 from pipeline.scene import load_scene
-from pipeline.simulate import simulate_segment
+from pipeline.simulate import Runner, simulate_segment
 from pipeline.studies import hard_eye
 from sim import effects
 from sim.effects.effect import Effect
@@ -98,7 +98,7 @@ def scene(tmp_path):
 ])
 def test_run_that_goes_bad_names_particle_part_step_and_checkpoint(faulty, scene, tmp_path, hook, words):
     with pytest.raises(UserError) as caught:
-        simulate_segment(scene, faulty(hook=hook), 0, tmp_path / "frames", tmp_path / "segment_000.npz")
+        simulate_segment(scene, Runner(faulty(hook=hook)), 0, tmp_path / "frames", tmp_path / "segment_000.npz")
     sentence = str(caught.value)
     assert words in sentence and "step 3" in sentence and sentence.startswith("bad: the run went bad at 0.000")
     assert f"the last good checkpoint is kept, {tmp_path / 'segment_000.npz'}" in sentence
@@ -110,7 +110,7 @@ def test_bad_last_step_before_a_frame_is_not_written(faulty, scene, tmp_path):
     steps = cavities.run(faulty(hook="none"), 1e-3)
     solver = faulty(step=len(steps) - 1, hook="velocity")
     with pytest.raises(UserError, match="the part 'fault' makes the velocity of particle 17"):
-        simulate_segment(scene, solver, 0, tmp_path / "frames")
+        simulate_segment(scene, Runner(solver), 0, tmp_path / "frames")
     assert [path.name for path in (tmp_path / "frames").iterdir()] == ["frame_00000.vtu"]
 
 
@@ -151,7 +151,7 @@ def test_fast_liquid_takes_small_steps_and_says_so_once(tanks, scene, tmp_path, 
     tank = tanks["position_based"]
     tank.reset()
     hard.throw(tank)
-    simulate_segment(scene, tank.solver, 0, tmp_path / "frames")
+    simulate_segment(scene, Runner(tank.solver), 0, tmp_path / "frames")
     assert capsys.readouterr().out.count("warning: at ") == 1 and len(list((tmp_path / "frames").iterdir())) == 3
 
 

@@ -1,11 +1,13 @@
 """Injection: volumes, bounds and the end of the flow, in double and single precision."""
 import dataclasses
 import math
+from pathlib import Path
 
 import cavities
 import numpy as np
 import pytest
 
+from pipeline.simulate import Runner, restore
 from sim.effects.injection import LARGEST, SMALLEST
 from sim.errors import RunError
 
@@ -123,6 +125,32 @@ def test_flow_waits_for_its_start(mixed):
         np.testing.assert_array_equal(after[name], before[name])
     injection_of(mixed, start=0.0).exchange(1e-3)
     assert mixed.particles.to_numpy("volume_rate").any()
+    mixed.restore(before)
+
+
+def test_injection_begins_anew_in_a_scene_that_starts_from_another(mixed):
+    before = mixed.state()
+    over = before | {"injection.finished": True, "injection.volume_before": 1.0, "time": 3.0, "step_count": 9}
+    injection, = (effect for effect in mixed.effects if effect.name == "injection")
+    restore(Runner(mixed), over, Path("checkpoint"), begins=True)
+    assert not injection.finished and math.isnan(injection.volume_before) and mixed.time == 0.0
+    restore(Runner(mixed), over, Path("checkpoint"), begins=False)
+    assert injection.finished and mixed.time == 3.0
+    mixed.restore(before)
+    assert not injection.finished
+
+
+def test_droplet_is_placed_where_the_liquid_is_elsewhere(mixed):
+    """Oil on the far side of the cavity is not what a cannula feeds."""
+    before = mixed.state()
+    position, = cavities.read(mixed, "position")
+    tip = np.array(mixed.effects[0].parameters.cannula[:2])
+    away = np.linalg.norm(position - tip, axis=1)
+    far = np.quantile(away, 0.88)  # beyond it there is more oil than the cannula asks for
+    mixed.particles.from_numpy("phase", (away > far).astype(int))
+    injection_of(mixed).exchange(1e-3)
+    fed = mixed.particles.to_numpy("volume_rate") > 0.0
+    assert fed.any() and away[fed].max() < 0.5 * far
     mixed.restore(before)
 
 

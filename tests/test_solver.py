@@ -221,7 +221,7 @@ import sys
 from pathlib import Path
 import numpy as np
 import cavities
-from pipeline.simulate import advance, restored
+from pipeline.simulate import Runner, restore
 from sim.errors import OutOfRoom
 from sim.runtime import initialize
 
@@ -244,15 +244,17 @@ def squeezed(solver):
 wide = build(6.0)
 state = squeezed(wide)
 wide.restore(state)
-advance(wide, None, state, 2e-3, lambda solver, dt: None)
+Runner(wide).advance(state, 2e-3, lambda solver, dt: None)
 expected = wide.state()
 try:
     build(0.4).restore(state)
 except OutOfRoom as error:
     print("refused:", error)
-found = restored(build(0.4), build, state, "checkpoint")
-found, statistics = advance(found, build, state, 2e-3, lambda solver, dt: None)
-same = all(np.array_equal(np.asarray(expected[name]), np.asarray(value)) for name, value in found.state().items())
+runner = Runner(build(0.4), build)
+restore(runner, state, "checkpoint", begins=False)
+runner.advance(state, 2e-3, lambda solver, dt: None)
+found = runner.solver.state()
+same = all(np.array_equal(np.asarray(expected[name]), np.asarray(value)) for name, value in found.items())
 print("same bits:", same)
 '''
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True,

@@ -28,6 +28,11 @@ class Parameters(TankParameters):
     duration: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 
 
+def solves(case: Parameters) -> tuple[str, ...]:
+    """The scene of the eye."""
+    return (SCENE,)
+
+
 def run(case: Parameters) -> Outcome:
     """Watch the height of the aqueous at every resolution."""
     outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")

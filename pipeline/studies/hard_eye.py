@@ -7,6 +7,7 @@ viscosities.
 import dataclasses
 import time
 
+from pipeline.errors import UserError
 from pipeline.hard_cases import FAILED, HardCase, Tank, judge
 from pipeline.scene import PROJECT_CONFIG, load_scene
 from pipeline.scene_model import Scene
@@ -31,11 +32,18 @@ class Parameters(TankParameters):
     spacing: float = parameter(4e-4, unit="m", exclusive_minimum=0.0, meaning="distance between particles")
 
 
+def solves(case: Parameters) -> tuple[str, ...]:
+    """The scene of the eye."""
+    return (case.scene,)
+
+
 def changed_scene(case: Parameters) -> Scene:
     """The scene with what the case changes."""
     scene = load_scene(PROJECT_CONFIG / "scenes" / f"{case.scene}.yaml", "draft")
     effects = dict(scene.effects)
-    if "interface_tension" in effects:
+    if case.tension_factor != 1.0:
+        if "interface_tension" not in effects:
+            raise UserError(f"tension_factor is {case.tension_factor:g}, but {case.scene} has no interface tension")
         tension = effects["interface_tension"]
         effects["interface_tension"] = dataclasses.replace(tension,
                                                            coefficient=case.tension_factor * tension.coefficient)

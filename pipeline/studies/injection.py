@@ -37,6 +37,11 @@ class Parameters(TankParameters):
     duration: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 
 
+def solves(case: Parameters) -> tuple[str, ...]:
+    """The scene of the eye."""
+    return (case.scene,)
+
+
 def run(case: Parameters) -> Outcome:
     """Inject at every resolution."""
     outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{case.scene}.yaml", "draft")

@@ -23,6 +23,7 @@ class Effect:
     requires : names of the effects that must be active too.
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
+    planned : whether its state is that of a plan in time, which begins anew in a scene that starts from another one.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Effect:
     requires: tuple[str, ...] = ()
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
+    planned: bool = False
 
     def __init__(self, parameters, solver):
         self.parameters = parameters

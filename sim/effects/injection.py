@@ -84,6 +84,7 @@ class Injection(Effect):
     )
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
     periodic = False
+    planned = True
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -249,16 +250,10 @@ class Injection(Effect):
     def _chosen(self, liquid: int, sign: float, limit: float) -> np.ndarray:
         """Rows of the particles of a liquid whose volume, times the sign, is above a limit; small ones, old ones first.
 
-        Raises
-        ------
-        RunError
-            When there are more than one step can handle.
+        They are ``MOST_CHANGES`` at most; the others wait for the next step.
         """
         self._choose(liquid, sign, limit)
-        number = self.chosen_count[None]
-        if number > MOST_CHANGES:
-            raise RunError(f"{number} particles split or merge in one step, more than {MOST_CHANGES}; lower "
-                           "effects.injection.flow")
+        number = min(self.chosen_count[None], MOST_CHANGES)
         if not number:
             return np.zeros(0, np.int32)
         rows, ids, volumes = (one.to_numpy()[:number] for one in (self.chosen, self.chosen_id, self.chosen_volume))
