@@ -141,6 +141,7 @@ rule estimate:
         levels="outputs/{scene}/{level}/estimate.json",
     params:
         depends=flow.depends("estimate"),
+        start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
         errors=flow.expected_errors(),
     log: "outputs/{scene}/{level}/logs/estimate.log",
     message: "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
@@ -148,7 +149,7 @@ rule estimate:
     priority: 20  # before the simulation, which finds its kernels compiled
     shell:
         "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {workflow.cores}"
-        " --output {output.page} --output {output.levels} 2>&1 | tee {log}"
+        " {params.start} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
 
 
 rule cost:

@@ -143,6 +143,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--format", choices=FORMATS, help="what to write (default: as the name of the file says, else text)")
     p.add_argument("--output", type=Path, action="append", default=[], metavar="FILE",
                    help="file to write, .html, .json or text; may be given more than once (default: standard output)")
+    p.add_argument("--start", type=Path, metavar="FILE.npz",
+                   help="checkpoint of the scene that this one starts from; liquids are laid level while there is none")
     p.add_argument("--cores", type=int, metavar="N", help="cores that the run will have, as after -j of Snakemake "
                                                           "(default: all)")
     options = p.parse_args(arguments)
@@ -153,7 +155,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.made and len(scenes) > 1:
         raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
     folder = SCENES if options.scene.suffix == ".json" else options.scene.parent
-    levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made)), cores)
+    start = options.start if options.start and options.start.exists() else None
+    levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made), start), cores)
                    for scene in scenes)
     found = Estimate(scenes[0].name, scenes[0].title or scenes[0].name, levels)
     for path in options.output:

@@ -55,7 +55,7 @@ def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:
                      call_digest("pipeline.measurement", (), [json.loads(json.dumps(values)), read]), computer()])
 
 
-def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) -> dict:
+def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None, start: Path | None = None) -> dict:
     """Return what a scene takes, from an earlier measurement where there is one.
 
     Parameters
@@ -63,13 +63,14 @@ def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) 
     folder : of the scene that this one may start from.
     made : surface of the cavity (eye.vtp) and particles (initial.npz) where they are there already; they are then
         neither made nor timed.
+    start : checkpoint of that scene, where it has been run; without it the liquids are laid level.
 
     Returns
     -------
     What :func:`measure` returns.
     """
     path = KEPT / f"{scene.name}_{scene.accuracy}{'_made' if made else ''}.json"
-    key = identity(scene, folder, made or ())
+    key = identity(scene, folder, [*(made or ()), *([start] if start else ())])
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept["key"] == key:
@@ -77,12 +78,12 @@ def measured(scene: Scene, folder: Path, made: tuple[Path, Path] | None = None) 
     except (OSError, ValueError, KeyError, TypeError):
         pass  # there is none, or it is damaged: it is made anew
     with tempfile.TemporaryDirectory(prefix="estimate_") as name:
-        found = measure(scene, folder, Path(name), made)
+        found = measure(scene, folder, Path(name), made, start)
     write_text(path, json.dumps({"key": key, "measured": found}, indent=1) + "\n")
     return found
 
 
-def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | None) -> dict:
+def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | None, start: Path | None) -> dict:
     """Measure a scene, with files in the folder ``work``.
 
     Returns
@@ -100,10 +101,11 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
             stages[stage] = took | {"disk": float(size_of(output))}
     mesh, initial = made
     volume = float(load_initial(initial)["cavity_volume"])
-    write_text(work / "phases.json", json.dumps([dataclasses.asdict(one) for one in phases_of(scene, volume, folder)]))
+    phases = phases_of(scene, volume, folder, begun=start is not None)
+    write_text(work / "phases.json", json.dumps([dataclasses.asdict(phase) for phase in phases]))
     first = run_stage("probe", resolved, initial, "--output", work / "compiled.json")
     took = run_stage("probe", resolved, initial, "--phases", work / "phases.json", "--seconds", PROBE_SECONDS,
-                     "--output", work / "probe.json", quiet=False)
+                     *(("--start", start) if start else ()), "--output", work / "probe.json", quiet=False)
     probe = json.loads((work / "probe.json").read_text())
     stages |= {stage: time_stage(stage, resolved, initial, mesh, work) for stage in STAGES}
     rehearsal, spacing = None, rehearsal_spacing(scene, probe["particles"])

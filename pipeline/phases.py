@@ -34,13 +34,14 @@ class Phase:
         return 0.5 * (self.begin + self.end)
 
 
-def phases_of(scene: Scene, cavity_volume: float, folder: Path) -> list[Phase]:
+def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = False) -> list[Phase]:
     """Return the phases of a scene; one with a free surface has its start only: what follows, a rehearsal shows.
 
     Parameters
     ----------
     cavity_volume : m^3 (in two dimensions m^2).
     folder : of the scene that this one may start from.
+    begun : whether the end of that scene is known, so that the liquids lie as they really do where none is injected.
     """
     duration = scene.output.duration
     if not scene.closed:
@@ -56,7 +57,7 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path) -> list[Phase]:
     found = []
     for begin, end in itertools.pairwise(times):
         names = [name for name, first, last in spans if first <= begin and end <= last]
-        phase = Phase(" and ".join(names) or "rest", begin, end, fill)
+        phase = Phase(" and ".join(names) or "rest", begin, end, None if begun and not injection else fill)
         if injection and fill:
             moved = min(injection.flowed(phase.middle), missing) / cavity_volume
             phase = dataclasses.replace(phase, fill=fill | {

@@ -15,12 +15,12 @@ import numpy as np
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import write_text
-from pipeline.frames import frame_path, save_checkpoint, write_frame
+from pipeline.frames import frame_path, load_checkpoint, save_checkpoint, write_frame
 from pipeline.initial import load_initial
 from pipeline.phases import Phase, state_in
 from pipeline.progress import progress
 from pipeline.scene import Scene, load_resolved
-from pipeline.simulate import build_solver, frame_of
+from pipeline.simulate import Runner, build_solver, frame_of, restore
 from pipeline.usage import at_least, usage
 from sim.cores import useful_threads
 
@@ -76,8 +76,13 @@ def settled(steps: Sequence[dict[str, float]]) -> dict[str, float]:
     return typical(steps[len(steps) // 2:])
 
 
-def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path) -> dict:
+def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path,
+          start: Path | None = None) -> dict:
     """Take steps in every phase, and write frames and a checkpoint into a folder.
+
+    Parameters
+    ----------
+    start : checkpoint of another scene that this one starts from.
 
     Returns
     -------
@@ -89,9 +94,11 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
     from sim.time_step import step_at_rest
 
     solver = build_solver(scene, initial)
+    if start:
+        restore(Runner(solver), load_checkpoint(start), start, begins=True)
     state, found, failed, writing = solver.state(), [], [], []
     warm = take_steps(solver, COMPILING)
-    start = usage()
+    began = usage()
     with progress(len(phases), f"{scene.name}: probe at {scene.accuracy}", unit="phase") as bar:
         for index, phase in enumerate(phases):
             bar.set_postfix_str(phase.name)
@@ -104,9 +111,9 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
                 failed.append(f"{phase.name} from {phase.begin:g} to {phase.end:g} s: {error}")
                 continue
             for _ in range(1 if writing else 2):  # the first time VTK is imported
-                began = clocks()
+                before = clocks()
                 write_frame(frame_path(folder, index), frame_of(scene, solver, {}))
-            writing.append(clocks() - began)
+            writing.append(clocks() - before)
             bar.update()
     if not found:
         raise UserError(f"{scene.name}: no step of it could be probed ({'; '.join(failed)})")
@@ -115,7 +122,7 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
     usual = len(warm) * np.array([found[0]["wall"], found[0]["cpu"]])  # such steps are counted with the others
     return {
         "particles": solver.count[None], "wall_particles": solver.walls.count, "limit": step_at_rest(solver),
-        "start": as_usage(np.array([start["wall"], start["cpu"]]) - usual),
+        "start": as_usage(np.array([began["wall"], began["cpu"]]) - usual),
         "frame": as_usage(np.median(writing, axis=0)), "phases": found, "failed": failed,
         "disk": {"frame": max(path.stat().st_size for path in folder.glob("frame_*")),
                  "checkpoint": checkpoint.stat().st_size}}
@@ -157,6 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("initial", type=Path, help="its particles (initial.npz)")
     p.add_argument("--phases", type=Path, metavar="FILE", help="phases to probe (JSON); without it the solver is only "
                                                                "built, so that its kernels are compiled")
+    p.add_argument("--start", type=Path, metavar="FILE", help="checkpoint that the scene starts from")
     p.add_argument("--rehearse", action="store_true", help="run the scene to its end")
     p.add_argument("--seconds", type=float, default=60.0, help="time for all steps (default 60)")
     p.add_argument("--output", type=Path, required=True, help="file to write (JSON)")
@@ -175,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             found = {}
         else:
             phases = [Phase(**one) for one in json.loads(options.phases.read_text())]
-            found = probe(scene, initial, phases, options.seconds, options.output.parent / "frames")
+            found = probe(scene, initial, phases, options.seconds, options.output.parent / "frames", options.start)
             found["imports"] = imports
     except (RunError, OverflowError) as error:
         raise UserError(f"{scene.name}: its first steps went bad: {error}") from error

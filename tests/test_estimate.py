@@ -98,6 +98,11 @@ def test_a_scene_starts_with_what_the_one_before_it_ends_with():
     assert fill_at_start(load("coupling_2d"), SCENES) is None
 
 
+def test_a_scene_is_probed_from_the_end_of_the_one_before_it_where_that_is_known():
+    phases = phases_of(load("emulsification"), CAVITY, SCENES, begun=True)
+    assert [phase.name for phase in phases] == ["rest", "turn", "rest"] and all(one.fill is None for one in phases)
+
+
 def test_free_surface_is_probed_at_the_start_alone():
     phase, = phases_of(load("coupling_2d"), 1.0, SCENES)
     assert (phase.begin, phase.end, phase.fill) == (0.0, 3.0, None)
