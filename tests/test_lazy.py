@@ -87,7 +87,7 @@ def test_viscosity_is_explicit_where_that_costs_no_step(viscosity, values, expli
 
 
 def test_other_limits_of_the_time_step_count_for_explicit_viscosity():
-    """A fixed step makes a limit of 1.99 ms cost nothing; tension allows 1.98 ms, and more beside implicit viscosity."""
+    """A fixed step makes a limit of 1.99 ms cost nothing; tension allows 1.98 ms, more beside implicit viscosity."""
     liquids = (THIN, Liquid("oil", 970.0, 0.125e-6 * 970.0 / 1.99e-3))
     implicit, tension = cavities.parameters("viscosity_implicit"), cavities.parameters(
         "interface_tension", coefficient=0.04)
