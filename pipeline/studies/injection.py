@@ -61,7 +61,7 @@ def run(case: Parameters) -> Outcome:
         result = advance(solver, case.duration, label, _watch(case.duration, entering))
         outcome.rows += result.rows() + _rows(injection, result)
         outcome.remarks += result.remarks("injection")
-        if not result.failure:
+        if not result.failure and resolution == max(case.resolutions):  # curves of all would hide each other
             time, entered = result.history["time"][1:], result.history["entering"][1:]
             flowed = np.array([injection.flowed(t) for t in time])
             outcome.curves += [
