@@ -279,7 +279,6 @@ class Solver:
                 self.check_finite()
             raise
         self.timed("time step", self._largest_accelerations, dt)
-        self.timed("time step", self._largest_values)  # as after a restart, for the choice of the next step
         self.time += dt
         self.step_count += 1
         self.statistics = {"time_step": dt, **statistics}
@@ -304,6 +303,11 @@ class Solver:
     def correct_velocity(self, dt: float) -> dict[str, float]:
         """Let effects change the velocity as a whole (implicit viscosity and the like); return their statistics."""
         return self._run("correct_velocity", dt)
+
+    @property
+    def speed_at_start(self) -> float:
+        """Largest speed at the start of a step, until `largest_speed` is called in it, m/s."""
+        return self.largest[SPEED]
 
     def largest_speed(self) -> float:
         """Largest speed of the present state, m/s."""
@@ -368,7 +372,8 @@ class Solver:
         arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
                   for f in self.particles.declared.values() if f.carried}
         state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
-                 "largest_acceleration": self.largest[ACCELERATION], "largest_change": self.largest[CHANGE], **arrays}
+                 "largest_speed": self.largest[SPEED], "largest_acceleration": self.largest[ACCELERATION],
+                 "largest_change": self.largest[CHANGE], **arrays}
         state |= {f"scheme.{key}": value for key, value in self.scheme.state().items()}
         for effect in self.effects:
             state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
@@ -408,9 +413,10 @@ class Solver:
         self.search.build()
         self.scheme.measure()
         self.acceleration.fill(0.0)  # what a run that went bad has left
-        self.largest[ACCELERATION] = float(state["largest_acceleration"])
-        self.largest[CHANGE] = float(state["largest_change"])
         self._largest_values()
+        # Those of the last step, which the next one is chosen by: not always the speeds that it has ended with.
+        for place, name in ((SPEED, "speed"), (ACCELERATION, "acceleration"), (CHANGE, "change")):
+            self.largest[place] = float(state[f"largest_{name}"])
 
     @ti.kernel
     def _total_pressure(self, total: ti.types.ndarray()):

@@ -290,7 +290,7 @@ def kept(monkeypatch, tmp_path):
     """Let scenes be measured without being run; return those that were."""
     scenes = []
 
-    def measure(scene, folder, work, made):
+    def measure(scene, folder, work, made, start):
         scenes.append((scene.name, scene.accuracy))
         return synthetic(scene)
     monkeypatch.setattr(measurement, "measure", measure)

@@ -115,7 +115,7 @@ class VolumeIncompressible(Scheme):
         again only after it, and what is left, in proportion to the time step, stirs the oil (van Kan 1986). A pressure
         that particles take along does not fit any more where they pass one another: there the share is small.
         """
-        travel = dt * self.solver.largest_speed() / self.spacing
+        travel = dt * self.solver.speed_at_start / self.spacing
         share = PRESSURE_SHARE / (1.0 + PRESSURE_FADING * travel)
         accelerate, pressed = self.operators.accelerate, (self.pressure, self.velocity)
         self.solver.timed("pressure", accelerate, *pressed, share * dt, True)
