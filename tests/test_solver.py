@@ -8,8 +8,10 @@ import cavities
 import numpy as np
 import pytest
 
+from pipeline.simulate import Runner, diagnosis
 from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES, Turn, rotate_towards
+from sim.errors import OutOfRoom, RunError
 from sim.solver import CHANGE, SPEED, Divergence
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -212,6 +214,38 @@ def test_rotation_stays_rigid_and_inside(spinning):
     assert np.abs(rate[outer] / 8.0 - 1.0).mean() < 0.05
     assert np.linalg.norm(position, axis=1).max() < cavities.RADIUS
     assert compression.min() > 0.95 and compression.max() < 1.05
+
+
+class Scripted:
+    """A solver that ends as it is told."""
+
+    def __init__(self, error):
+        self.error, self.head_room, self.seconds, self.cpu_seconds = error, 1.4, {}, {}
+
+    def restore(self, state):
+        pass
+
+    def advance(self, until):
+        raise self.error
+        yield
+
+
+def test_a_run_that_goes_bad_with_more_room_leaves_the_solver_that_went_bad(monkeypatch):
+    """The first one is void by then, so that nothing can be asked of it."""
+    monkeypatch.setattr("sim.runtime.restart", lambda: None)
+    wider, error = Scripted(RunError("it burst")), OutOfRoom("full")
+    runner = Runner(Scripted(error), lambda head_room: wider)
+    with pytest.raises(RunError, match="it burst"):
+        runner.advance({"time": 0.0}, 1.0, lambda solver, dt: None)
+    assert runner.solver is wider and runner.head_room > 1.4
+
+    def refuse(head_room):
+        raise OverflowError("too many neighbors")
+
+    runner = Runner(Scripted(error), refuse)
+    with pytest.raises(OverflowError, match="too many neighbors") as caught:
+        runner.advance({"time": 0.0}, 1.0, lambda solver, dt: None)
+    assert runner.solver is None and diagnosis(None, {}, 1.0, caught.value) == "too many neighbors"
 
 
 def test_a_solver_that_runs_out_of_room_goes_on_with_more_and_computes_the_same(tmp_path):
