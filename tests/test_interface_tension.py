@@ -183,11 +183,7 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
 
 
 def test_a_viscous_drop_comes_to_rest_in_steps_four_times_those_without_viscosity():
-    """And keeps the pressure jump of Laplace: the rough labels of the start are smoothed, nothing grows.
-
-    What is left are slow currents in the thin liquid around it, in steps of a quarter as well: at the end 0.37 of the
-    largest speed here, 0.31 there.
-    """
+    """And keeps the pressure jump of Laplace: the rough labels of the start are smoothed, nothing grows."""
     liquids = (Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 1000.0, 1.0))
     effects = (cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("viscosity_implicit"))
     solver = cavities.build(
@@ -197,4 +193,5 @@ def test_a_viscous_drop_comes_to_rest_in_steps_four_times_those_without_viscosit
     assert solver.step_count < 0.8 / (3.5 * limit(spacing=SPACING)[1])
     jump, radius = pressure_jump(solver)
     assert jump == pytest.approx(TENSION / radius, rel=0.03)
-    assert speed[-1] < speed[len(speed) // 2] < 0.5 * speed.max()
+    falling = speed[speed.argmax():]
+    assert (np.diff(falling) < 0.0).mean() > 0.95 and falling[-1] < 0.3 * falling[0]  # measured: 0.27, and on
