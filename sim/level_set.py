@@ -6,7 +6,8 @@ interface; behind the wall, ghost nodes carry the slope that the contact angle a
 import numpy as np
 import taichi as ti
 
-from sim.runtime import real, real_numpy
+from sim.reductions import blocks, first, last, partial_results, running_total
+from sim.runtime import real, real_numpy, threads
 from sim.signed_distance import SignedDistance
 
 SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings
@@ -15,6 +16,7 @@ GHOST_DEPTH = 2.6  # depth of the ghost nodes, in particle spacings
 WALL_DEPTH = 0.5  # nodes less than this deep in the liquid stand for the wall, in cells: the nearest ones to it
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
+NARROWEST_SLAB = 24  # nodes along the last axis that one thread splats to: particles near its ends are taken twice
 FAR = 4.0  # |phi| outside the band, in particle spacings
 
 
@@ -36,7 +38,7 @@ class LevelSet:
         self.spacing = solver.spacing
         self.cell = self.grid.cell
         self.position, self.count, self.color = solver.position, solver.count, color
-        self.pairs, self.walls = solver.pairs, solver.walls
+        self.pairs, self.walls, self.search = solver.pairs, solver.walls, solver.search
         self.wall_rows = solver.search.wall_rows
         self.cosine = float(np.cos(contact_angle))
         self.sine = float(np.sin(contact_angle))
@@ -60,6 +62,10 @@ class LevelSet:
         self.started = ti.field(ti.i32, shape=())
         self.steps = self.grid.strides
         self.last = self.dimension - 1
+        # Two slabs for every thread, as they are not alike; what comes of them is the same with any number.
+        self.slab = max(NARROWEST_SLAB, -(-self.grid.shape[self.last] // (2 * threads())))
+        self.slabs = -(-self.grid.shape[self.last] // self.slab)
+        self.partial = partial_results(2)
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
 
@@ -83,7 +89,8 @@ class LevelSet:
         limit = 1.0 / (4.0 * self.spacing)
         self.ghost_count = len(ghost)
         size = max(len(ghost), 1)
-        self.ghost_node = ti.field(ti.i32, shape=size)
+        self.ghost_node, self.active_ghost = (ti.field(ti.i32, shape=size) for _ in range(2))
+        self.active_ghost_count = ti.field(ti.i32, shape=())
         self.ghost_image = ti.Vector.field(grid.dimension, real(), shape=size, layout=ti.Layout.SOA)
         self.ghost_depth, self.ghost_curvature, self.ghost_value = (ti.field(real(), shape=size) for _ in range(3))
         if len(ghost):
@@ -97,17 +104,12 @@ class LevelSet:
         self._mark()
         self._splat()
         self._find_band()
-        self._ghosts(self.phi)
         for _ in range(REDISTANCING_PASSES // 2):
             self._redistance(self.phi, self.phi_next)
-            self._ghosts(self.phi_next)
             self._redistance(self.phi_next, self.phi)
-            self._ghosts(self.phi)
         for _ in range(SMOOTHING_PASSES // 2):
             self._smooth(self.phi, self.phi_next)
-            self._ghosts(self.phi_next)
             self._smooth(self.phi_next, self.phi)
-            self._ghosts(self.phi)
         self._measure()
         self.started[None] = 1
 
@@ -154,16 +156,16 @@ class LevelSet:
         return index
 
     @ti.func
-    def _splat_one(self, x, color, contrast):
-        """Add one particle to the sums of the nodes within the splat radius."""
+    def _splat_one(self, x, color, contrast, begin, end):
+        """Add one particle to the sums of the nodes begin .. end - 1 along the last axis within the splat radius."""
         radius = SPLAT_RADIUS * self.spacing
         center = self._nearest_node(x)
         for row in ti.grouped(ti.ndrange(*((-self.reach, self.reach + 1),) * (self.dimension - 1))):
-            first = center
+            first_node = center
             for d in ti.static(range(self.dimension - 1)):
-                first[d] += row[d]
-            first[self.last] = 0
-            away = self.grid.origin + first * self.cell - x
+                first_node[d] += row[d]
+            first_node[self.last] = 0
+            away = self.grid.origin + first_node * self.cell - x
             away[self.last] = 0.0
             rest = radius * radius - away.norm_sqr()
             if rest > 0.0:
@@ -171,91 +173,166 @@ class LevelSet:
                 along = (x[self.last] - self.grid.origin[self.last]) / self.cell
                 low = ti.cast(ti.ceil(along - half / self.cell), ti.i32)
                 high = ti.cast(ti.floor(along + half / self.cell), ti.i32)
-                base = self._flat(first)
-                for k in range(ti.max(low, 0), ti.min(high, self.grid.shape[self.last] - 1) + 1):
+                base = self._flat(first_node)
+                for k in range(ti.max(low, begin), ti.min(high + 1, end)):
                     step = (k - along) * self.cell
                     q = ti.sqrt(radius * radius - rest + step * step) / radius
                     s = 1.0 - q
                     w = (s * s) * (s * s) * (4.0 * q + 1.0)
-                    self.weight[base + k] += w
-                    self.phi_next[base + k] += w * color
+                    # Not "+=": that would be an atomic addition, though nobody else writes here.
+                    n = base + k
+                    self.weight[n] = self.weight[n] + w
+                    self.phi_next[n] = self.phi_next[n] + w * color
                     if ti.static(self.mixes):
-                        self.contrast[base + k] += w * contrast
+                        self.contrast[n] = self.contrast[n] + w * contrast
+
+    @ti.func
+    def _set_far(self, x, value, begin, end):
+        """Set phi at the node nearest to x and at those around it, of the nodes begin .. end - 1 along the last axis."""
+        center = self._nearest_node(x)
+        low, high = ti.max(center[self.last] - 1, begin), ti.min(center[self.last] + 2, end)
+        if low < high:
+            for row in ti.static(ti.grouped(ti.ndrange(*((-1, 2),) * (self.dimension - 1)))):
+                first_node = center
+                for d in ti.static(range(self.dimension - 1)):
+                    first_node[d] += row[d]
+                first_node[self.last] = 0
+                base = self._flat(first_node)
+                for k in range(low, high):
+                    self.phi[base + k] = value
+
+    @ti.func
+    def _first_in_layer(self, cell_start: ti.template(), layer):
+        """The first of the sorted particles whose search cell is in this layer across the last axis, or a later one."""
+        return cell_start[layer * self.search.strides[self.last]]
 
     @ti.kernel
     def _splat(self):
-        # Serial: sums in particle order do not depend on the number of threads.
+        """Sums of weights and of weighted colors at the nodes near particles that see another color.
+
+        Every slab of nodes takes its particles in their order, so that sums do not depend on the number of threads.
+        """
         for n in range(self.grid.size):
             self.weight[n] = 0.0
             self.phi_next[n] = 0.0
             if ti.static(self.mixes):
                 self.contrast[n] = 0.0
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
-        ti.loop_config(serialize=True)
-        for i in range(self.count[None]):
-            if self.mixed[i] == 1:
-                contrast = 1.0
-                if ti.static(self.mixes):
-                    contrast = self.particle_contrast[i]
-                self._splat_one(self.position[i], self.color[i], contrast)
-            else:
-                far = FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0)
-                center = self._nearest_node(self.position[i])
-                for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
-                    self.phi[self._flat(center + offset)] = far
-        ti.loop_config(serialize=True)
-        for b in range(self.walls.count):
-            if self.wall_color[b] >= 0.0:
-                contrast = 1.0
-                if ti.static(self.mixes):
-                    contrast = self.wall_contrast[b]
-                self._splat_one(self.walls.position[b], self.wall_color[b], contrast)
+        for slab in range(self.slabs):
+            begin = slab * self.slab
+            end = ti.min(begin + self.slab, self.grid.shape[self.last])
+            # Layers of search cells that reach into the slab; those at either end hold what lies beyond as well.
+            low, high = self._layers(begin, end)
+            for i in range(self._first_in_layer(self.search.cell_start, low),
+                           self._first_in_layer(self.search.cell_start, high + 1)):
+                if self.mixed[i] == 1:
+                    contrast = 1.0
+                    if ti.static(self.mixes):
+                        contrast = self.particle_contrast[i]
+                    self._splat_one(self.position[i], self.color[i], contrast, begin, end)
+                else:
+                    far = FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0)
+                    self._set_far(self.position[i], far, begin, end)
+            for b in range(self._first_in_layer(self.search.wall_cell_start, low),
+                           self._first_in_layer(self.search.wall_cell_start, high + 1)):
+                if self.wall_color[b] >= 0.0:
+                    contrast = 1.0
+                    if ti.static(self.mixes):
+                        contrast = self.wall_contrast[b]
+                    self._splat_one(self.walls.position[b], self.wall_color[b], contrast, begin, end)
+
+    @ti.func
+    def _layers(self, begin, end):
+        """First and last layer of search cells whose particles reach nodes begin .. end - 1 along the last axis."""
+        reach = SPLAT_RADIUS * self.spacing + self.cell
+        offset = self.grid.origin[self.last] - self.search.origin[self.last]
+        low = ti.cast(ti.floor((offset + begin * self.cell - reach) / self.search.cell), ti.i32)
+        high = ti.cast(ti.floor((offset + (end - 1) * self.cell + reach) / self.search.cell), ti.i32)
+        if begin == 0:
+            low = 0
+        if end == self.grid.shape[self.last]:
+            high = self.search.shape[self.last] - 1
+        return ti.math.clamp(low, 0, self.search.shape[self.last] - 1), ti.math.clamp(
+            high, 0, self.search.shape[self.last] - 1)
+
+    @ti.func
+    def _in_band(self, n):
+        return self.weight[n] > 0.0 and self.grid.values[n] <= 0.0
+
+    @ti.func
+    def _in_rim(self, k):
+        return self.weight[self.ghost_node[k]] > 0.0 and self.ghost_depth[k] < self.cell
 
     @ti.kernel
     def _find_band(self):
-        for n in range(self.grid.size):
-            if self.weight[n] > 0.0:
-                c = self.phi_next[n] / self.weight[n]
-                self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
-            if ti.static(self.mixes):
-                self.contrast[n] = ti.select(self.weight[n] > 0.0, self.contrast[n] / self.weight[n], 1.0)
-            self.phi_next[n] = self.phi[n]
+        """phi from the sums, and the lists of nodes inside the cavity, behind its wall, and of ghosts that matter."""
+        size, ghosts = self.grid.size, self.ghost_count
+        for block in range(blocks(size)):
+            total = 0
+            for n in range(first(block, size), last(block, size)):
+                if self.weight[n] > 0.0:
+                    c = self.phi_next[n] / self.weight[n]
+                    self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
+                if ti.static(self.mixes):
+                    self.contrast[n] = ti.select(self.weight[n] > 0.0, self.contrast[n] / self.weight[n], 1.0)
+                self.phi_next[n] = self.phi[n]
+                total += ti.cast(self._in_band(n), ti.i32)
+            self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = 0
-            for n in range(self.grid.size):
-                if self.weight[n] > 0.0 and self.grid.values[n] <= 0.0:
-                    self.band[total] = n
-                    total += 1
-            self.band_count[None] = total
-            for k in range(self.ghost_count):
-                n = self.ghost_node[k]
-                if self.weight[n] > 0.0 and self.ghost_depth[k] < self.cell:
-                    self.band[total] = n
-                    total += 1
-            self.band_and_rim_count[None] = total
+            self.band_count[None] = ti.cast(running_total(self.partial, 0, size), ti.i32)
+        for block in range(blocks(size)):
+            place = ti.cast(self.partial[0, block], ti.i32)
+            for n in range(first(block, size), last(block, size)):
+                if self._in_band(n):
+                    self.band[place] = n
+                    place += 1
+        for block in range(blocks(ghosts)):
+            rim = 0
+            active = 0
+            for k in range(first(block, ghosts), last(block, ghosts)):
+                rim += ti.cast(self._in_rim(k), ti.i32)
+                active += ti.cast(self.weight[self.ghost_node[k]] > 0.0, ti.i32)
+            self.partial[0, block] = rim
+            self.partial[1, block] = active
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.band_and_rim_count[None] = self.band_count[None] + ti.cast(
+                running_total(self.partial, 0, ghosts), ti.i32)
+            self.active_ghost_count[None] = ti.cast(running_total(self.partial, 1, ghosts), ti.i32)
+        for block in range(blocks(ghosts)):
+            rim = self.band_count[None] + ti.cast(self.partial[0, block], ti.i32)
+            active = ti.cast(self.partial[1, block], ti.i32)
+            for k in range(first(block, ghosts), last(block, ghosts)):
+                if self._in_rim(k):
+                    self.band[rim] = self.ghost_node[k]
+                    rim += 1
+                if self.weight[self.ghost_node[k]] > 0.0:
+                    self.active_ghost[active] = k
+                    active += 1
+        for slot in range(self.active_ghost_count[None]):
+            self._extend_to_ghost(self.phi, self.active_ghost[slot])
+        for slot in range(self.active_ghost_count[None]):
+            self._take_ghost(self.phi, self.active_ghost[slot])
 
-    @ti.kernel
-    def _ghosts(self, phi: ti.template()):
+    @ti.func
+    def _extend_to_ghost(self, phi: ti.template(), k):
         """phi behind the wall: linear along the normal with the slope of the contact angle at the wall.
 
         On a curved wall the normal turns along the way from the contact line: the term with the curvature.
         """
-        for k in range(self.ghost_count):
-            n = self.ghost_node[k]
-            if self.weight[n] > 0.0:
-                q = self.grid.interpolate(phi, self.ghost_image[k])
-                depth = self.ghost_depth[k]
-                image_depth = ti.max(depth, self.cell)
-                limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
-                c = self.ghost_curvature[k]
-                slope = (limited * c - self.slope[None] * self.cosine) / (1.0 - image_depth * c)
-                self.ghost_value[k] = q + (depth + image_depth) * slope
-        # Images between ghosts read these as they were: written at once, they would depend on the order of the threads.
-        for k in range(self.ghost_count):
-            n = self.ghost_node[k]
-            if self.weight[n] > 0.0:
-                phi[n] = self.ghost_value[k]
+        q = self.grid.interpolate(phi, self.ghost_image[k])
+        depth = self.ghost_depth[k]
+        image_depth = ti.max(depth, self.cell)
+        limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
+        c = self.ghost_curvature[k]
+        slope = (limited * c - self.slope[None] * self.cosine) / (1.0 - image_depth * c)
+        self.ghost_value[k] = q + (depth + image_depth) * slope
+
+    @ti.func
+    def _take_ghost(self, phi: ti.template(), k):
+        """Only then: images between ghosts read them as they were, or else they depend on the order of the threads."""
+        phi[self.ghost_node[k]] = self.ghost_value[k]
 
     @ti.kernel
     def _redistance(self, phi: ti.template(), target: ti.template()):
@@ -273,6 +350,10 @@ class LevelSet:
                     square += ti.max(ti.min(back, 0.0) ** 2, ti.max(ahead, 0.0) ** 2)
             sign = p / ti.sqrt(p * p + self.cell * self.cell)
             target[n] = p - self.redistancing_step * sign * (ti.sqrt(square) - 1.0)
+        for slot in range(self.active_ghost_count[None]):
+            self._extend_to_ghost(target, self.active_ghost[slot])
+        for slot in range(self.active_ghost_count[None]):
+            self._take_ghost(target, self.active_ghost[slot])
 
     @ti.kernel
     def _smooth(self, phi: ti.template(), target: ti.template()):
@@ -288,6 +369,10 @@ class LevelSet:
                     w *= ti.static(0.5 if offset[d] == 0 else 0.25)
                 total += w * phi[index]
             target[n] = total
+        for slot in range(self.active_ghost_count[None]):
+            self._extend_to_ghost(target, self.active_ghost[slot])
+        for slot in range(self.active_ghost_count[None]):
+            self._take_ghost(target, self.active_ghost[slot])
 
     @ti.func
     def gradient(self, n):
