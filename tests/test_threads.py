@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -52,6 +53,52 @@ def test_zero_threads_keep_those_that_run():
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "a process of its own" in done.stdout
+
+
+WHO_WORKS = """
+import os
+from sim.runtime import initialize
+initialize("f32", {threads})
+import taichi as ti
+
+def seconds():
+    return {{t: int(open(f"/proc/self/task/{{t}}/schedstat").read().split()[0]) for t in os.listdir("/proc/self/task")}}
+
+x = ti.field(ti.f32, 200000)
+
+@ti.kernel
+def work():
+    for i in x:
+        for k in range(300):
+            x[i] += ti.sqrt(ti.cast(k + i, ti.f32))
+
+work()
+before = seconds()
+work()
+worked = [t for t, s in seconds().items() if s - before.get(t, 0) > 2e6 and int(t) != os.getpid()]
+print(sorted(len(os.sched_getaffinity(int(t))) for t in worked), len(os.sched_getaffinity(0)))
+"""
+
+
+def who_works(folder: Path, threads: int) -> tuple[list[int], int]:
+    """Return the number of cores that every worker of that many threads may use, and that of the main thread."""
+    script = folder / "who.py"  # Taichi wants to read the kernel's source
+    script.write_text(WHO_WORKS.format(threads=threads))
+    done = subprocess.run([sys.executable, script], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    workers, main = done.stdout.splitlines()[-1].rsplit(maxsplit=1)
+    return [int(n) for n in workers.strip("[]").split(",")], int(main)
+
+
+def test_every_worker_has_a_core_of_its_own_where_they_take_all(tmp_path):
+    """And the main thread, whose children do other things, has all of them still."""
+    every = len(os.sched_getaffinity(0))
+    workers, main = who_works(tmp_path, every)
+    assert set(workers) == {1} and main == every
+    if every > 1:  # cores are left to others: the system places the workers
+        workers, main = who_works(tmp_path, every - 1)
+        assert set(workers) == {every} and main == every
 
 
 def test_libraries_get_the_threads_of_the_job(monkeypatch):
