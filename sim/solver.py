@@ -304,11 +304,6 @@ class Solver:
         """Let effects change the velocity as a whole (implicit viscosity and the like); return their statistics."""
         return self._run("correct_velocity", dt)
 
-    @property
-    def speed_at_start(self) -> float:
-        """Largest speed at the start of a step, until `largest_speed` is called in it, m/s."""
-        return self.largest[SPEED]
-
     def largest_speed(self) -> float:
         """Largest speed of the present state, m/s."""
         self.timed("time step", self._largest_values)

@@ -53,7 +53,7 @@ class Scheme(abc.ABC):
         self.search, self.walls = solver.search, solver.walls
         self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
         self.count = solver.particles.count
-        for name in ("position", "velocity", "acceleration", "volume", "mass", "phase",
+        for name in ("position", "velocity", "velocity_at_start", "acceleration", "volume", "mass", "phase",
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
 
