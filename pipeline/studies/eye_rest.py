@@ -37,7 +37,7 @@ def run(case: Parameters) -> Outcome:
     """Watch the height of the aqueous at every resolution."""
     outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
     for resolution in case.resolutions:
-        result = advance(scene_solver(case, scene, WIDTH / resolution), case.duration, f"n={resolution}", _height)
+        result = advance(scene_solver(case, scene, WIDTH / resolution), case.duration, f"n={resolution}", height_of_aqueous)
         outcome.rows += result.rows()
         outcome.remarks += result.remarks("eye at rest")
         if not result.failure:
@@ -46,7 +46,7 @@ def run(case: Parameters) -> Outcome:
     return outcome
 
 
-def _height(solver) -> dict[str, float]:
+def height_of_aqueous(solver) -> dict[str, float]:
     """Height of the center of mass of the aqueous, m."""
     aqueous = solver.particles.to_numpy("phase") == 0
     mass = field(solver, "mass")[aqueous]

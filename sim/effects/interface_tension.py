@@ -44,6 +44,12 @@ class InterfaceTensionParameters:
                                      meaning="contact angle at the wall, measured through the first liquid")
 
 
+def capillary_limit(coefficient: float, settings) -> float:
+    """Step in which the shortest wave between two liquids without viscosity is followed, s (Brackbill et al. 1992)."""
+    density = sum(liquid.density for liquid in settings.liquids[:2])
+    return math.sqrt(density * settings.numerics.particle_spacing**3 / (4.0 * math.pi * coefficient))
+
+
 @ti.data_oriented
 class InterfaceTension(Effect):
     """Tension and wetting of the interface between two liquids."""
@@ -109,7 +115,7 @@ class InterfaceTension(Effect):
             return float("inf")
         first, second = settings.liquids[:2]
         spacing = settings.numerics.particle_spacing
-        capillary = math.sqrt((first.density + second.density) * spacing**3 / (4.0 * math.pi * parameters.coefficient))
+        capillary = capillary_limit(parameters.coefficient, settings)
         if not any(getattr(effect, "damps_any_step", False) for effect in settings.effects):
             return capillary
         viscous = VISCOUS_SHARE * (first.dynamic_viscosity + second.dynamic_viscosity) * spacing / (
