@@ -208,15 +208,24 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
 
 
 def test_a_viscous_drop_comes_to_rest_in_steps_four_times_those_without_viscosity():
-    """And keeps the pressure jump of Laplace: the rough labels of the start are smoothed, nothing grows."""
+    """As in small steps, and keeps the pressure jump of Laplace: the rough labels of the start are smoothed.
+
+    After 0.8 s 2.2e-4 m/s are left, 2.0e-4 in steps of a quarter and 1.9e-4 in steps of a sixteenth. A step that damps
+    by itself leaves less: 1.3e-4 where viscosity acted under a share of the pressure.
+    """
     liquids = (Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 1000.0, 1.0))
     effects = (cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("viscosity_implicit"))
-    solver = cavities.build(
-        cavities.cavity("circle", 11.0 * SPACING), effects=effects, liquids=liquids, pressure_tolerance=1e-4,
-        phase=lambda x: np.linalg.norm(x, axis=1) < CIRCLE_DROP, maximum_time_step=8e-3)
-    speed = np.array(cavities.run(solver, 0.8, cavities.root_mean_square_speed))
+
+    def run(step: float):
+        solver = cavities.build(
+            cavities.cavity("circle", 11.0 * SPACING), effects=effects, liquids=liquids, pressure_tolerance=1e-4,
+            phase=lambda x: np.linalg.norm(x, axis=1) < CIRCLE_DROP, maximum_time_step=step)
+        return solver, np.array(cavities.run(solver, 0.8, cavities.root_mean_square_speed))
+
+    solver, speed = run(8e-3)
     assert solver.step_count < 0.8 / (3.5 * limit(spacing=SPACING)[1])
     jump, radius = pressure_jump(solver)
     assert jump == pytest.approx(TENSION / radius, rel=0.03)
+    assert speed[-1] == pytest.approx(run(2e-3)[1][-1], rel=0.2)
     falling = speed[speed.argmax():]
-    assert (np.diff(falling) < 0.0).mean() > 0.95 and falling[-1] < 0.3 * falling[0]  # measured: 0.27, and on
+    assert falling[-1] < 0.4 * falling[0] and (np.diff(speed[-30:]) < 0.0).all()

@@ -109,7 +109,7 @@ class VolumeIncompressible(Scheme):
 
     @ti.kernel
     def _press(self, factor: float, dt: float):
-        """v_i += factor times the acceleration by the last pressure, where the particle does not move fast."""
+        """v_i += factor times the acceleration by the pressure, less where the particle moves far within dt."""
         for b in range(self.walls.count):
             self.operators.wall_value[b] = self.operators.extrapolated(self.pressure, b)
         for i in range(self.count[None]):
@@ -200,7 +200,7 @@ class VolumeIncompressible(Scheme):
         iterations, mean, largest = self.pressure_solver.solve(
             self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
             maximum_iterations=self.numerics.maximum_iterations)
-        self.operators.accelerate(self.pressure, self.velocity, dt, True)
+        self._press(dt, 0.0)
         return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
                 "pressure_limit_hit": float(iterations >= self.numerics.maximum_iterations)}
 
