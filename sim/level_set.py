@@ -188,7 +188,7 @@ class LevelSet:
 
     @ti.func
     def _set_far(self, x, value, begin, end):
-        """Set phi at the node nearest to x and at those around it, of the nodes begin .. end - 1 along the last axis."""
+        """Set phi at the node nearest to x and at those around it, within begin .. end - 1 along the last axis."""
         center = self._nearest_node(x)
         low, high = ti.max(center[self.last] - 1, begin), ti.min(center[self.last] + 2, end)
         if low < high:

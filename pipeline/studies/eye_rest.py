@@ -37,7 +37,8 @@ def run(case: Parameters) -> Outcome:
     """Watch the height of the aqueous at every resolution."""
     outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
     for resolution in case.resolutions:
-        result = advance(scene_solver(case, scene, WIDTH / resolution), case.duration, f"n={resolution}", height_of_aqueous)
+        solver = scene_solver(case, scene, WIDTH / resolution)
+        result = advance(solver, case.duration, f"n={resolution}", height_of_aqueous)
         outcome.rows += result.rows()
         outcome.remarks += result.remarks("eye at rest")
         if not result.failure:
