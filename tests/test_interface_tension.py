@@ -200,18 +200,18 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
     found, capillary = limit((1e-3, 1e-3))  # waves between water-like liquids are hardly damped
     assert capillary < found < 1.02 * capillary
     found, capillary = limit()
-    assert 5.0 * capillary < found
+    assert 2.0 * capillary < found
     # Damping implicit, force explicit: (omega dt)^2 <= 4 + 4 mu k^2 dt / rho.
     wave_number, density, viscosity = np.pi / 0.4e-3, 2000.0, 0.971
     squared = TENSION * wave_number**3 / density
     assert squared * found**2 < 4.0 + 4.0 * viscosity * wave_number**2 / density * found
 
 
-def test_a_viscous_drop_comes_to_rest_in_steps_four_times_those_without_viscosity():
+def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosity():
     """As in small steps, and keeps the pressure jump of Laplace: the rough labels of the start are smoothed.
 
-    After 0.8 s 2.2e-4 m/s are left, 2.0e-4 in steps of a quarter and 1.9e-4 in steps of a sixteenth. A step that damps
-    by itself leaves less: 1.3e-4 where viscosity acted under a share of the pressure.
+    After 0.8 s 2.2e-4 m/s are left, 2.0e-4 in steps of 2 ms and 1.9e-4 in steps of 0.5 ms. A step that damps by itself
+    leaves less: 1.3e-4 where viscosity acted under a share of the pressure.
     """
     liquids = (Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 1000.0, 1.0))
     effects = (cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("viscosity_implicit"))
@@ -223,7 +223,7 @@ def test_a_viscous_drop_comes_to_rest_in_steps_four_times_those_without_viscosit
         return solver, np.array(cavities.run(solver, 0.8, cavities.root_mean_square_speed))
 
     solver, speed = run(8e-3)
-    assert solver.step_count < 0.8 / (3.5 * limit(spacing=SPACING)[1])
+    assert solver.step_count < 0.8 / (1.7 * limit(spacing=SPACING)[1])
     jump, radius = pressure_jump(solver)
     assert jump == pytest.approx(TENSION / radius, rel=0.03)
     assert speed[-1] == pytest.approx(run(2e-3)[1][-1], rel=0.2) and speed[-1] == pytest.approx(1.9e-4, rel=0.2)

@@ -24,7 +24,7 @@ class Parameters(TankParameters):
     """The scene with several largest steps; ``resolutions``, ``largest_step`` and ``time_step_factor`` are not used."""
 
     spacing: float = parameter(4e-4, unit="m", exclusive_minimum=0.0, meaning="distance between particles")
-    capillary_steps: tuple[float, ...] = parameter((4.0, 2.0, 1.0, 0.5), exclusive_minimum=0.0,
+    capillary_steps: tuple[float, ...] = parameter((4.0, 1.0, 0.5), exclusive_minimum=0.0,
                                                    meaning="largest time steps over the capillary limit, downwards")
     duration: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 

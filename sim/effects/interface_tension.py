@@ -31,7 +31,8 @@ EXTENSION_POWER = 8  # their weight is (1 - r^2/R^2)^8
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
 # 30 % too slowly)
-VISCOUS_SHARE = 0.3  # of (mu_0 + mu_1) dx / sigma in the time step; 4/pi is the limit of stability of the shortest wave
+VISCOUS_SHARE = 0.1  # of (mu_0 + mu_1) dx / sigma in the time step: for accuracy, see the study step_size_study; the
+# shortest wave is stable up to 4/pi
 SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point of it is this near, in spacings
 
 
@@ -108,7 +109,7 @@ class InterfaceTension(Effect):
         """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 (Galusinski & Vigneaux 2008; the constants are ours).
 
         t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity (Brackbill et al. 1992), and
-        t_v = 0.3 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
+        t_v = 0.1 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
         shortest wave, which an explicit tension then drives in steps of up to (4/pi) (mu_0 + mu_1) dx / sigma.
         """
         if parameters.coefficient == 0.0:

@@ -1,7 +1,16 @@
-"""Viscosity of the liquid or mixture at a particle, and its friction at a wall: shared by both viscosities."""
+"""Viscosity of the liquid or mixture at a particle, and its friction at a wall: shared by both viscosities.
+
+A drop moves as the liquid around it allows: its drag lies between 4 and 6 pi mu R U, with mu that of the liquid around
+(Hadamard 1911, Rybczynski 1911). In a drop of one or two particles nothing can circulate, and with the harmonic mean of
+two viscosities it would slip through a stiff liquid as if that were thin. So a particle that is alone in a more
+viscous liquid is given the viscosity of what surrounds it.
+"""
 import taichi as ti
 
+from sim.fields import Field
 from sim.runtime import real
+
+ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 
 WALL_FACTOR_LIMIT = 3.0  # largest extrapolation of the liquid's velocity to a wall particle (no slip)
 
@@ -14,9 +23,15 @@ def without_viscosity(settings) -> str:
 
 @ti.data_oriented
 class LiquidViscosity:
-    """Dynamic viscosities of the particles of a solver."""
+    """Dynamic viscosities of the particles of a solver; an effect that measures them declares `fields`."""
+
+    fields = (
+        Field("own_viscosity", "scalar", "Pa s", "viscosity of the particle's liquid or mixture"),
+        Field("dynamic_viscosity", "scalar", "Pa s", "the same, or that of its surroundings where it is alone in them"),
+    )
 
     def __init__(self, solver):
+        self.count, self.pairs = solver.count, solver.pairs
         self.phase, self.position = solver.particles.arrays["phase"], solver.position
         self.distance, self.walls, self.spacing = solver.distance, solver.walls, solver.spacing
         self.mixes = "volume_fraction" in solver.particles.arrays
@@ -35,6 +50,23 @@ class LiquidViscosity:
             for k in ti.static(range(self.number)):
                 mu *= ti.pow(self.of_liquid[k], self.fractions[i][k])
         return mu
+
+    @ti.kernel
+    def measure(self, own: ti.template(), felt: ti.template()):
+        """Set `own_viscosity` and `dynamic_viscosity`, which are given, from the present neighbor rows."""
+        for i in range(self.count[None]):
+            own[i] = self.viscosity(i)
+        for i in range(self.count[None]):
+            mu = own[i]
+            alike, around, total = 0.0, 0.0, 1e-20
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
+                weight, other = self.pairs.weight[k], own[self.pairs.index[k]]
+                alike += weight * ti.select(other > mu, mu / other, 1.0)
+                around += weight * other
+                total += weight
+            alone = ti.math.clamp((AMONG - alike / total) / (AMONG - ALONE), 0.0, 1.0)
+            felt[i] = mu + alone * ti.max(around / total - mu, 0.0)
 
     @ti.func
     def depth(self, i):

@@ -33,7 +33,7 @@ class Viscosity(Effect):
 
     name = "viscosity"
     Parameters = ViscosityParameters
-    fields = (Field("wall_depth", "scalar", "m", "distance to the wall"),)
+    fields = (*LiquidViscosity.fields, Field("wall_depth", "scalar", "m", "distance to the wall"))
     uses = ("position", "phase", "velocity", "volume", "mass")
 
     def __init__(self, parameters, solver):
@@ -58,6 +58,7 @@ class Viscosity(Effect):
         return self.time_step_limit(self.parameters, self.solver.settings)
 
     def prepare(self, dt: float) -> None:
+        self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
         if not self.unused_hooks:
             self._measure_depth()
 
@@ -77,11 +78,11 @@ class Viscosity(Effect):
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
-        mu_i, mu_j = self.liquids.viscosity(i), self.liquids.viscosity(j)
+        mu_i, mu_j = self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j]
         mean = 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)
         return self._acceleration(i, mean, self.particles.velocity[i] - self.particles.velocity[j], x_ij, gradient)
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
-        mu = self.liquids.wall_factor(self.particles.wall_depth[i], b) * self.liquids.viscosity(i)
+        mu = self.liquids.wall_factor(self.particles.wall_depth[i], b) * self.particles.dynamic_viscosity[i]
         return self._acceleration(i, mu, self.particles.velocity[i], x_ib, gradient)

@@ -47,7 +47,7 @@ class ViscosityImplicit(Effect):
     name = "viscosity_implicit"
     Parameters = ViscosityImplicitParameters
     fields = (
-        Field("dynamic_viscosity", "scalar", "Pa s", "viscosity of the particle's liquid or mixture"),
+        *LiquidViscosity.fields,
         Field("viscous_acceleration", "vector", "m/s2", "acceleration by viscosity in the last step", carried=True),
         Field("velocity_given", "vector", "m/s", "velocity before the viscous solve"),
         Field("viscous_residual", "vector", "N s", "residual of the viscous solve"),
@@ -81,9 +81,8 @@ class ViscosityImplicit(Effect):
 
     @ti.kernel
     def _guess(self, dt: float):
-        """Viscosities, and the velocity if viscosity does what it did in the last step (after Weiler et al. 2018)."""
+        """The velocity if viscosity does what it did in the last step (after Weiler et al. 2018)."""
         for i in range(self.count[None]):
-            self.particles.dynamic_viscosity[i] = self.liquids.viscosity(i)
             self.particles.velocity_given[i] = self.particles.velocity[i]
             self.particles.velocity[i] += dt * self.particles.viscous_acceleration[i]
 
@@ -159,6 +158,7 @@ class ViscosityImplicit(Effect):
 
     def correct_velocity(self, dt: float) -> dict[str, float]:
         numerics = self.solver.settings.numerics
+        self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
         self._guess(dt)
         self.form.assemble(dt)
         self.form.differentiate(self.particles.velocity)

@@ -23,7 +23,7 @@ LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disor
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
-PRESSURE_FADING = 20.0  # 1 over the way in a step, in spacings, at which half the last pressure acts beside viscosity
+PRESSURE_FADING = 5.0  # 1 over the way in a step, in spacings, at which half the last pressure acts beside viscosity
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
