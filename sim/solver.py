@@ -265,15 +265,8 @@ class Solver:
         Divergence
             When a speed is no longer finite or the time step falls below the smallest allowed.
         """
-        self._look()
-        return self._step(largest_step)
-
-    def _look(self) -> None:
-        """Measure the speeds that the next step is chosen by."""
         self.timed("time step", self._largest_values)
         self._check()
-
-    def _step(self, largest_step: float) -> float:
         dt = min(self._time_step(), largest_step)
         if dt < self.settings.numerics.minimum_time_step and dt < largest_step:
             raise Divergence(f"step {self.step_count}: the time step fell to {dt:.3g} s, below "
@@ -354,13 +347,13 @@ class Solver:
     def advance(self, until: float):
         """Advance to the time `until`, s, exactly; yields after every step."""
         while self.time < until:
-            self._look()
+            self._check()
             remaining = until - self.time
             limit = self.settings.numerics.time_step or (
                 remaining if self.step_count == 0 else self.stable_time_step())
             # Equal steps to the end: no sliver of a step before a frame.
             steps = max(1, int(np.ceil(remaining / limit - 1e-9)))
-            dt = self._step(remaining / steps)
+            dt = self.step(remaining / steps)
             if remaining - dt < 1e-9 * self.settings.numerics.maximum_time_step:
                 self.time = until
             yield dt
@@ -374,7 +367,8 @@ class Solver:
         arrays = {f"particles.{f.name}": self.particles.to_numpy(f.name)
                   for f in self.particles.declared.values() if f.carried}
         state = {"time": self.time, "step_count": self.step_count, "next_id": self.next_id,
-                 "largest_acceleration": self.largest[ACCELERATION], "largest_change": self.largest[CHANGE], **arrays}
+                 "largest_speed": self.largest[SPEED], "largest_acceleration": self.largest[ACCELERATION],
+                 "largest_change": self.largest[CHANGE], **arrays}
         state |= {f"scheme.{key}": value for key, value in self.scheme.state().items()}
         for effect in self.effects:
             state |= {f"{effect.name}.{key}": value for key, value in effect.state().items()}
@@ -414,8 +408,9 @@ class Solver:
         self.search.build()
         self.scheme.measure()
         self.acceleration.fill(0.0)  # what a run that went bad has left
-        # Those of the last step, which the next one is chosen by.
-        for place, name in ((ACCELERATION, "acceleration"), (CHANGE, "change")):
+        self._largest_values()
+        # Those of the last step, which the next one is chosen by: not always the speeds that it has ended with.
+        for place, name in ((SPEED, "speed"), (ACCELERATION, "acceleration"), (CHANGE, "change")):
             self.largest[place] = float(state[f"largest_{name}"])
 
     @ti.kernel

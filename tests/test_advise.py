@@ -167,7 +167,7 @@ def test_estimated_steps_are_near_those_of_runs(name, decides, steps):
 def test_viscosity_lifts_the_capillary_limit_of_the_tamponade():
     report = report_of(shipped("tamponade", "standard"), REFERENCE_VOLUME)
     limits = {limit.source: limit.value for limit in report.time_step_limits}
-    assert limits["effects.interface_tension"] == pytest.approx(3.08e-3, rel=0.01)  # 0.5 ms without viscosity
+    assert limits["effects.interface_tension"] == pytest.approx(1.21e-3, rel=0.01)  # 0.5 ms without viscosity
     assert report.time_step == min(limits.values()) > 1e-3
     # Frames every 0.1 s: whole steps to each.
     assert report.steps == 40 * math.ceil(0.1 / report.time_step)

@@ -102,8 +102,7 @@ class VolumeIncompressible(Scheme):
         solver = self.solver
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
-        statistics = self._correct_velocity(dt) if self.corrects_velocity else {}
-        speed = solver.largest_speed()
+        statistics, speed = self._correct_velocity(dt) if self.corrects_velocity else ({}, solver.largest_speed())
         statistics |= solver.timed("pressure", self.project, dt, speed)
         return statistics | solver.timed("position correction", self.advect, dt)
 
@@ -118,8 +117,10 @@ class VolumeIncompressible(Scheme):
             force = self.operators.pressure_force(self.pressure, i)
             self.velocity[i] += factor * share * self.volume[i] / self.mass[i] * force
 
-    def _correct_velocity(self, dt: float) -> dict[str, float]:
+    def _correct_velocity(self, dt: float) -> tuple[dict[str, float], float]:
         """Implicit viscosity and the like, under the last step's pressure (incremental pressure correction).
+
+        Returns their statistics, and the largest speed that these forces and that pressure make, m/s.
 
         Viscosity then sees forces that nearly balance. Without the pressure it answers forces that the solve takes away
         again only after it, and what is left, in proportion to the time step, stirs the oil (van Kan 1986). A pressure
@@ -127,9 +128,9 @@ class VolumeIncompressible(Scheme):
         taken back afterwards as it was given, so that momentum does not notice.
         """
         self.solver.timed("pressure", self._press, dt, dt)
-        statistics = self.solver.correct_velocity(dt)
+        statistics, speed = self.solver.correct_velocity(dt), self.solver.largest_speed()
         self.solver.timed("pressure", self._press, -dt, dt)
-        return statistics
+        return statistics, speed
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
