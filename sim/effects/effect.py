@@ -84,6 +84,13 @@ class Effect:
         """Change the velocity after the accelerations and before the pressure; return statistics."""
         return {}
 
+    def answer_change(self, dt: float) -> dict[str, float]:
+        """Do what `correct_velocity` does, which is linear, to a change of its velocity; return statistics."""
+        return {}
+
+    def keep_change(self, share: float, dt: float) -> None:
+        """Note that `share` of the velocity that `answer_change` has made is added to the corrected one."""
+
     def finish(self, dt: float) -> None:
         """Change the state once the positions have moved; neighbor rows are those of the start of the step."""
 

@@ -3,7 +3,7 @@
 A drop moves as the liquid around it allows: its drag lies between 4 and 6 pi mu R U, with mu that of the liquid around
 (Hadamard 1911, Rybczynski 1911). In a drop of one or two particles nothing can circulate, and with the harmonic mean of
 two viscosities it would slip through a stiff liquid as if that were thin. So a particle that is alone in a more
-viscous liquid is given the viscosity of what surrounds it.
+viscous liquid is given the viscosity of what surrounds it. The wall counts as its like: a film on it slides.
 """
 import taichi as ti
 
@@ -31,7 +31,7 @@ class LiquidViscosity:
     )
 
     def __init__(self, solver):
-        self.count, self.pairs = solver.count, solver.pairs
+        self.count, self.pairs, self.wall_pairs = solver.count, solver.pairs, solver.wall_pairs
         self.phase, self.position = solver.particles.arrays["phase"], solver.position
         self.distance, self.walls, self.spacing = solver.distance, solver.walls, solver.spacing
         self.mixes = "volume_fraction" in solver.particles.arrays
@@ -64,6 +64,11 @@ class LiquidViscosity:
                 weight, other = self.pairs.weight[k], own[self.pairs.index[k]]
                 alike += weight * ti.select(other > mu, mu / other, 1.0)
                 around += weight * other
+                total += weight
+            for slot in range(self.wall_pairs.count[i]):
+                weight = self.wall_pairs.weight[self.wall_pairs.entry(i, slot)]
+                alike += weight
+                around += weight * mu
                 total += weight
             alone = ti.math.clamp((AMONG - alike / total) / (AMONG - ALONE), 0.0, 1.0)
             felt[i] = mu + alone * ti.max(around / total - mu, 0.0)

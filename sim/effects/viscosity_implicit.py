@@ -63,7 +63,7 @@ class ViscosityImplicit(Effect):
         self.liquids = LiquidViscosity(solver)
         self.form = FORMS[parameters.form](solver, self.particles, self.liquids, parameters.wall == "no_slip")
         self.partial = partial_results(2)
-        self.rho, self.norm, self.scale = (ti.field(ti.f64, shape=()) for _ in range(3))
+        self.rho, self.norm, self.momentum, self.scale = (ti.field(ti.f64, shape=()) for _ in range(4))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
 
     @classmethod
@@ -87,18 +87,22 @@ class ViscosityImplicit(Effect):
             self.particles.velocity[i] += dt * self.particles.viscous_acceleration[i]
 
     @ti.kernel
-    def _keep_acceleration(self, dt: float):
+    def _add_acceleration(self, share: float, dt: float):
         for i in range(self.count[None]):
             change = self.particles.velocity[i] - self.particles.velocity_given[i]
-            self.particles.viscous_acceleration[i] = change / dt
+            self.particles.viscous_acceleration[i] += share * change / dt
 
     @ti.func
     def _applied(self, v: ti.template(), i, dt):
         """(M + dt K) v of particle i."""
         return self.form.added(self.particles.mass[i] * v[i], v, i, dt)
 
+    def _start(self, dt: float) -> None:
+        self.form.differentiate(self.particles.velocity)
+        self._set_residual(dt)
+
     @ti.kernel
-    def _start(self, dt: float):
+    def _set_residual(self, dt: float):
         n = self.count[None]
         for block in range(blocks(n)):
             scale = ti.cast(0.0, ti.f64)
@@ -110,7 +114,7 @@ class ViscosityImplicit(Effect):
             self.partial[0, block] = scale
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.scale[None] = total_of(self.partial, 0, n)
+            self.momentum[None] = total_of(self.partial, 0, n)
             self.rho[None] = 0.0
 
     @ti.kernel
@@ -157,12 +161,28 @@ class ViscosityImplicit(Effect):
             self.particles.viscous_residual[i] -= alpha * self.particles.viscous_image[i]
 
     def correct_velocity(self, dt: float) -> dict[str, float]:
-        numerics = self.solver.settings.numerics
         self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
         self._guess(dt)
         self.form.assemble(dt)
-        self.form.differentiate(self.particles.velocity)
         self._start(dt)
+        self.scale[None] = self.momentum[None]
+        statistics = self._solve(dt)
+        self.particles.viscous_acceleration.fill(0.0)
+        self._add_acceleration(1.0, dt)
+        return statistics
+
+    def answer_change(self, dt: float) -> dict[str, float]:
+        """The same matrix for a change of the velocity, as exactly as the whole."""
+        self.particles.velocity_given.copy_from(self.particles.velocity)
+        self._start(dt)
+        return self._solve(dt)
+
+    def keep_change(self, share: float, dt: float) -> None:
+        self._add_acceleration(share, dt)
+
+    def _solve(self, dt: float) -> dict[str, float]:
+        """Conjugate gradients from the velocity that is there."""
+        numerics = self.solver.settings.numerics
         self._direct()
         iterations = 0
         while (self.norm[None] > numerics.viscosity_tolerance**2 * self.scale[None]
@@ -171,6 +191,5 @@ class ViscosityImplicit(Effect):
             self._advance(dt)
             self._direct()
             iterations += 1
-        self._keep_acceleration(dt)
         return {"viscosity_iterations": iterations,
                 "viscosity_limit_hit": float(iterations >= numerics.maximum_iterations)}

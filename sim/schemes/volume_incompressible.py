@@ -23,7 +23,8 @@ LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disor
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
-PRESSURE_FADING = 5.0  # 1 over the way in a step, in spacings, at which half the last pressure acts beside viscosity
+FOLLOWED = 1.0  # nu dt/dx^2 from which the pressure follows viscosity; where it does not matter, a more exact pressure
+# only wakes noise (two layers of 1:2 at rest)
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
@@ -39,6 +40,8 @@ class VolumeIncompressible(Scheme):
         Field("pressure", "scalar", "Pa", "solved pressure: without the reduced hydrostatic part", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
         Field("kernel_gradient_sum", "vector", "1/m", "S_i = sum of V_j grad_i W_ij over liquid and wall"),
+        Field("pressure_change", "scalar", "Pa", "what the solve adds to the pressure of the last step"),
+        Field("velocity_kept", "vector", "m/s", "velocity to which the answer to a change of the pressure is added"),
         Field("correction", "scalar", "m2", "potential of the position correction"),
         Field("displacement", "vector", "m", "move of the particle in this step"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
@@ -57,10 +60,12 @@ class VolumeIncompressible(Scheme):
         self.compression_mean = ti.field(real(), shape=())
         self.partial = partial_results(2)
         self.gauge = ti.field(real(), shape=())
+        self.work = ti.field(ti.f64, shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
         self.corrects_velocity = any(effect.overrides("correct_velocity") for effect in solver.effects)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
+        self.largest_viscosity = max(liquid.dynamic_viscosity / liquid.density for liquid in solver.settings.liquids)
 
     @classmethod
     def variant(cls, settings) -> type[Scheme]:
@@ -102,35 +107,101 @@ class VolumeIncompressible(Scheme):
         solver = self.solver
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
-        statistics, speed = self._correct_velocity(dt) if self.corrects_velocity else ({}, solver.largest_speed())
-        statistics |= solver.timed("pressure", self.project, dt, speed)
+        solver.timed("pressure", self._press, dt)
+        statistics = solver.correct_velocity(dt)
+        tolerance = self.numerics.pressure_tolerance * solver.largest_speed() * dt / self.spacing
+        tolerance = max(1e-9, min(1e-4, tolerance))
+        statistics |= solver.timed("pressure", self._solve, dt, tolerance)
+        reach = self.largest_viscosity * dt / self.spacing**2
+        if self.corrects_velocity and reach > FOLLOWED and statistics["pressure_iterations"]:
+            self._follow(dt, tolerance, statistics)
+        solver.timed("pressure", self._take, dt)
         return statistics | solver.timed("position correction", self.advect, dt)
 
-    @ti.kernel
-    def _press(self, factor: float, dt: float):
-        """v_i += factor times the acceleration by the pressure, less where the particle moves far within dt."""
-        for b in range(self.walls.count):
-            self.operators.wall_value[b] = self.operators.extrapolated(self.pressure, b)
-        for i in range(self.count[None]):
-            travel = dt * self.velocity_at_start[i].norm() / self.spacing
-            share = 1.0 / (1.0 + (PRESSURE_FADING * travel) ** 2)
-            force = self.operators.pressure_force(self.pressure, i)
-            self.velocity[i] += factor * share * self.volume[i] / self.mass[i] * force
+    def _press(self, dt: float) -> None:
+        """Let the pressure of the last step act, so that implicit viscosity sees forces that nearly balance.
 
-    def _correct_velocity(self, dt: float) -> tuple[dict[str, float], float]:
-        """Implicit viscosity and the like, under the last step's pressure (incremental pressure correction).
-
-        Returns their statistics, and the largest speed that these forces and that pressure make, m/s.
-
-        Viscosity then sees forces that nearly balance. Without the pressure it answers forces that the solve takes away
-        again only after it, and what is left, in proportion to the time step, stirs the oil (van Kan 1986). A pressure
-        that particles take along does not fit any more where they pass one another: there its share is small. It is
-        taken back afterwards as it was given, so that momentum does not notice.
+        Without it viscosity answers forces that the solve takes away again only after it, and what is left, in
+        proportion to the time step, stirs the oil (incremental pressure correction: van Kan 1986).
         """
-        self.solver.timed("pressure", self._press, dt, dt)
-        statistics, speed = self.solver.correct_velocity(dt), self.solver.largest_speed()
-        self.solver.timed("pressure", self._press, -dt, dt)
-        return statistics, speed
+        self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
+        self.operators.accelerate(self.pressure, self.velocity, dt, True)
+
+    def _solve(self, dt: float, tolerance: float) -> dict[str, float]:
+        """Find the change of the pressure that would free a velocity without viscosity of its divergence."""
+        self._set_velocity_right_side(dt, 1.0)
+        self.pressure_change.fill(0.0)
+        most = self.numerics.maximum_iterations
+        iterations, mean, largest = self.pressure_solver.solve(
+            self.pressure_change, weighted=True, step=dt * dt, tolerance=tolerance, maximum_iterations=most)
+        return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
+                "pressure_limit_hit": float(iterations >= most)}
+
+    def _follow(self, dt: float, tolerance: float, statistics: dict[str, float]) -> None:
+        """Change the pressure as far along that direction as viscosity asks for, and solve once more.
+
+        Viscosity resists what a change of the pressure does at the scale of particles: with nu dt/dx^2 far above 1 the
+        change would have to be several times as large, and a solve that knows masses only takes as many steps to find
+        it; meanwhile oil moves too fast. One step of steepest descent for the pressure of the coupled system (its Schur
+        complement, with the solve as preconditioner: Bramble & Pasciak 1988) finds how many times.
+        """
+        solver = self.solver
+        work = self._work()
+        solver.timed("pressure", self._begin_change, dt)
+        change = solver.answer_change(dt)
+        solver.timed("pressure", self._set_velocity_right_side, dt, 0.0)
+        answer = -self._work()
+        share = work / answer if answer > 0.0 else 0.0
+        solver.keep_change(share, dt)
+        solver.timed("pressure", self._end_change, share)
+        again = solver.timed("pressure", self._solve, dt, tolerance)
+        for name, value in (change | again).items():
+            adds = name.endswith("_iterations")
+            statistics[name] = statistics[name] + value if adds else max(value, statistics[name])
+        statistics |= {name: again[name] for name in ("residual_mean", "residual_maximum")}
+
+    @ti.kernel
+    def _sum_work(self):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                total += ti.cast(self.pressure_change[i], ti.f64) * self.pressure_solver.right_side[i]
+            self.partial[0, block] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.work[None] = total_of(self.partial, 0, n)
+
+    def _work(self) -> float:
+        """Change of the pressure times the volume rates of the right side."""
+        self._sum_work()
+        return self.work[None]
+
+    @ti.kernel
+    def _begin_change(self, dt: float):
+        """Keep the velocity, and set what the change of the pressure alone makes in its place."""
+        for b in range(self.walls.count):
+            self.operators.wall_value[b] = self.operators.extrapolated(self.pressure_change, b)
+        for i in range(self.count[None]):
+            force = self.operators.pressure_force(self.pressure_change, i)
+            self.velocity_kept[i] = self.velocity[i]
+            self.velocity[i] = dt * self.volume[i] / self.mass[i] * force
+
+    @ti.kernel
+    def _end_change(self, share: float):
+        for i in range(self.count[None]):
+            self.velocity[i] = self.velocity_kept[i] + share * self.velocity[i]
+            self.pressure[i] += share * self.pressure_change[i]
+
+    def _take(self, dt: float) -> None:
+        """Let the change of the pressure act."""
+        self.operators.accelerate(self.pressure_change, self.velocity, dt, True)
+        self._add_change()
+
+    @ti.kernel
+    def _add_change(self):
+        for i in range(self.count[None]):
+            self.pressure[i] += self.pressure_change[i]
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
@@ -139,7 +210,8 @@ class VolumeIncompressible(Scheme):
         self.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
 
     @ti.kernel
-    def _set_velocity_right_side(self, dt: float):
+    def _set_velocity_right_side(self, dt: float, sources: float):
+        """Volume rates of the velocity, and `sources` times those that effects ask for, over dt."""
         for b in range(self.walls.count):
             rate = self.operators.wall_rate(self.velocity, b)
             if ti.static(self.volumes_change):
@@ -148,7 +220,7 @@ class VolumeIncompressible(Scheme):
                     k = self.wall_rows.entry(b, slot)
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
-                rate += self.operators.over_wall_weight(b, total)
+                rate += sources * self.operators.over_wall_weight(b, total)
             self.operators.wall_value[b] = rate
         for i in range(self.count[None]):
             rate = self.operators.volume_rate(self.velocity, i)
@@ -158,7 +230,7 @@ class VolumeIncompressible(Scheme):
                     k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
-                rate += self.volume[i] * total
+                rate += sources * self.volume[i] * total
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
@@ -192,18 +264,6 @@ class VolumeIncompressible(Scheme):
             return 0.0
         excess = max(abs(liquid.density - self.gravity.reference_density) for liquid in self.solver.liquids)
         return excess * float(np.linalg.norm(self.gravity.at(self.solver.time))) * self.walls.extent
-
-    def project(self, dt: float, largest_speed: float) -> dict[str, float]:
-        """Make the velocity free of divergence; return the solve's statistics."""
-        self._set_velocity_right_side(dt)
-        self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
-        tolerance = max(1e-9, min(1e-4, self.numerics.pressure_tolerance * largest_speed * dt / self.spacing))
-        iterations, mean, largest = self.pressure_solver.solve(
-            self.pressure, weighted=True, step=dt * dt, tolerance=tolerance,
-            maximum_iterations=self.numerics.maximum_iterations)
-        self._press(dt, 0.0)
-        return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
-                "pressure_limit_hit": float(iterations >= self.numerics.maximum_iterations)}
 
     @ti.kernel
     def _set_correction_right_side(self):
