@@ -304,14 +304,6 @@ class Solver:
         """Let effects change the velocity as a whole (implicit viscosity and the like); return their statistics."""
         return self._run("correct_velocity", dt)
 
-    def answer_change(self, dt: float) -> dict[str, float]:
-        """Let the same effects answer a velocity that is a change of the one they have corrected."""
-        return self._run("answer_change", dt)
-
-    def keep_change(self, share: float, dt: float) -> None:
-        """Tell them what share of that change was taken."""
-        self._run("keep_change", share, dt)
-
     def largest_speed(self) -> float:
         """Largest speed of the present state, m/s."""
         self.timed("time step", self._largest_values)

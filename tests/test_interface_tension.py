@@ -208,7 +208,7 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
 
 
 def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosity():
-    """As in small steps all the way, and it keeps the pressure jump of Laplace: the rough labels of the start smooth out.
+    """As in small steps all the way, and it keeps the pressure jump of Laplace: rough labels of the start smooth out.
 
     In steps of 3.6, 2 and 0.5 ms the speeds are 3.5e-4, 3.7e-4 and 3.7e-4 m/s after 0.1 s, 1.95e-4, 1.90e-4 and 1.87e-4
     m/s at the end. With a pressure that does not follow viscosity within the step they are 3.1e-4 and 2.2e-4 in the

@@ -123,7 +123,7 @@ def test_right_side_is_the_volume_rate(state):
     velocity = np.random.default_rng(1).normal(size=(reference.count, reference.dimension))
     solver.particles.from_numpy("velocity", velocity)
     dt = 0.25
-    solver.scheme._set_velocity_right_side(dt, 1.0)
+    solver.scheme._set_velocity_right_side(dt)
     found = solver.scheme.pressure_solver.right_side.to_numpy()[: reference.count] * dt
     expected = reference.extrapolation.T @ reference.rate @ velocity.ravel()
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
@@ -160,7 +160,7 @@ def test_solve_makes_the_velocity_free_of_divergence(state):
     dt = 0.01
     operator = reference.extrapolation.T @ reference.rate
     before = np.abs(operator @ velocity.ravel()).mean()
-    solver.scheme._set_velocity_right_side(dt, 1.0)
+    solver.scheme._set_velocity_right_side(dt)
     iterations, mean, largest = pressure_solver.solve(
         solver.scheme.pressure, weighted=True, step=dt * dt, tolerance=1e-8 * before / reference.volume.mean() * dt,
         maximum_iterations=5000)

@@ -84,12 +84,15 @@ class Effect:
         """Change the velocity after the accelerations and before the pressure; return statistics."""
         return {}
 
-    def answer_change(self, dt: float) -> dict[str, float]:
-        """Do what `correct_velocity` does, which is linear, to a change of its velocity; return statistics."""
-        return {}
+    def begin_change(self) -> None:
+        """Keep the velocity that `correct_velocity` has made, and clear it for what a change of the pressure makes."""
 
-    def keep_change(self, share: float, dt: float) -> None:
-        """Note that `share` of the velocity that `answer_change` has made is added to the corrected one."""
+    def answer_change(self, dt: float) -> dict[str, float]:
+        """Find the answer w of the same linear correction to the velocity g that a change of the pressure makes.
+
+        The share g.Mg / g.Mw of it, with masses M, is added to the velocity kept. Returns statistics and that `share`.
+        """
+        return {}
 
     def finish(self, dt: float) -> None:
         """Change the state once the positions have moved; neighbor rows are those of the start of the step."""

@@ -50,6 +50,7 @@ class ViscosityImplicit(Effect):
         *LiquidViscosity.fields,
         Field("viscous_acceleration", "vector", "m/s2", "acceleration by viscosity in the last step", carried=True),
         Field("velocity_given", "vector", "m/s", "velocity before the viscous solve"),
+        Field("velocity_kept", "vector", "m/s", "velocity to which the answer to a change of the pressure is added"),
         Field("viscous_residual", "vector", "N s", "residual of the viscous solve"),
         Field("viscous_direction", "vector", "m/s", "search direction of the viscous solve"),
         Field("viscous_image", "vector", "N s", "matrix times search direction"),
@@ -63,7 +64,7 @@ class ViscosityImplicit(Effect):
         self.liquids = LiquidViscosity(solver)
         self.form = FORMS[parameters.form](solver, self.particles, self.liquids, parameters.wall == "no_slip")
         self.partial = partial_results(2)
-        self.rho, self.norm, self.momentum, self.scale = (ti.field(ti.f64, shape=()) for _ in range(4))
+        self.rho, self.norm, self.momentum, self.scale, self.work = (ti.field(ti.f64, shape=()) for _ in range(5))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
 
     @classmethod
@@ -171,14 +172,38 @@ class ViscosityImplicit(Effect):
         self._add_acceleration(1.0, dt)
         return statistics
 
+    def begin_change(self) -> None:
+        self.particles.velocity_kept.copy_from(self.particles.velocity)
+        self.particles.velocity.fill(0.0)
+
     def answer_change(self, dt: float) -> dict[str, float]:
-        """The same matrix for a change of the velocity, as exactly as the whole."""
+        """To the accuracy of the whole: the residual is compared with the momentum given to `correct_velocity`."""
         self.particles.velocity_given.copy_from(self.particles.velocity)
         self._start(dt)
-        return self._solve(dt)
-
-    def keep_change(self, share: float, dt: float) -> None:
+        statistics = self._solve(dt)
+        self._sum_work()
+        share = self.momentum[None] / self.work[None] if self.work[None] > 0.0 else 0.0
         self._add_acceleration(share, dt)
+        self._add_answer(share)
+        return statistics | {"share": share}
+
+    @ti.kernel
+    def _sum_work(self):
+        n = self.count[None]
+        for block in range(blocks(n)):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(first(block, n), last(block, n)):
+                product = self.particles.velocity_given[i].dot(self.particles.velocity[i])
+                total += ti.cast(self.particles.mass[i], ti.f64) * product
+            self.partial[0, block] = total
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.work[None] = total_of(self.partial, 0, n)
+
+    @ti.kernel
+    def _add_answer(self, share: float):
+        for i in range(self.count[None]):
+            self.particles.velocity[i] = self.particles.velocity_kept[i] + share * self.particles.velocity[i]
 
     def _solve(self, dt: float) -> dict[str, float]:
         """Conjugate gradients from the velocity that is there."""

@@ -41,7 +41,6 @@ class VolumeIncompressible(Scheme):
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
         Field("kernel_gradient_sum", "vector", "1/m", "S_i = sum of V_j grad_i W_ij over liquid and wall"),
         Field("pressure_change", "scalar", "Pa", "what the solve adds to the pressure of the last step"),
-        Field("velocity_kept", "vector", "m/s", "velocity to which the answer to a change of the pressure is added"),
         Field("correction", "scalar", "m2", "potential of the position correction"),
         Field("displacement", "vector", "m", "move of the particle in this step"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
@@ -60,10 +59,9 @@ class VolumeIncompressible(Scheme):
         self.compression_mean = ti.field(real(), shape=())
         self.partial = partial_results(2)
         self.gauge = ti.field(real(), shape=())
-        self.work = ti.field(ti.f64, shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
-        self.corrects_velocity = any(effect.overrides("correct_velocity") for effect in solver.effects)
+        self.implicit = next((effect for effect in solver.effects if effect.overrides("answer_change")), None)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
         self.largest_viscosity = max(liquid.dynamic_viscosity / liquid.density for liquid in solver.settings.liquids)
 
@@ -113,7 +111,7 @@ class VolumeIncompressible(Scheme):
         tolerance = max(1e-9, min(1e-4, tolerance))
         statistics |= solver.timed("pressure", self._solve, dt, tolerance)
         reach = self.largest_viscosity * dt / self.spacing**2
-        if self.corrects_velocity and reach > FOLLOWED and statistics["pressure_iterations"]:
+        if self.implicit and reach > FOLLOWED and statistics["pressure_iterations"]:
             self._follow(dt, tolerance, statistics)
         solver.timed("pressure", self._take, dt)
         return statistics | solver.timed("position correction", self.advect, dt)
@@ -129,7 +127,7 @@ class VolumeIncompressible(Scheme):
 
     def _solve(self, dt: float, tolerance: float) -> dict[str, float]:
         """Find the change of the pressure that would free a velocity without viscosity of its divergence."""
-        self._set_velocity_right_side(dt, 1.0)
+        self._set_velocity_right_side(dt)
         self.pressure_change.fill(0.0)
         most = self.numerics.maximum_iterations
         iterations, mean, largest = self.pressure_solver.solve(
@@ -145,63 +143,26 @@ class VolumeIncompressible(Scheme):
         it; meanwhile oil moves too fast. One step of steepest descent for the pressure of the coupled system (its Schur
         complement, with the solve as preconditioner: Bramble & Pasciak 1988) finds how many times.
         """
-        solver = self.solver
-        work = self._work()
-        solver.timed("pressure", self._begin_change, dt)
-        change = solver.answer_change(dt)
-        solver.timed("pressure", self._set_velocity_right_side, dt, 0.0)
-        answer = -self._work()
-        share = work / answer if answer > 0.0 else 0.0
-        solver.keep_change(share, dt)
-        solver.timed("pressure", self._end_change, share)
+        solver, effect = self.solver, self.implicit
+        solver.timed(effect.name, effect.begin_change)
+        solver.timed("pressure", self.operators.accelerate, self.pressure_change, self.velocity, dt, True)
+        answer = solver.timed(effect.name, effect.answer_change, dt)
+        solver.timed("pressure", self._add_change, answer.pop("share"))
         again = solver.timed("pressure", self._solve, dt, tolerance)
-        for name, value in (change | again).items():
+        for name, value in (answer | again).items():
             adds = name.endswith("_iterations")
             statistics[name] = statistics[name] + value if adds else max(value, statistics[name])
         statistics |= {name: again[name] for name in ("residual_mean", "residual_maximum")}
 
     @ti.kernel
-    def _sum_work(self):
-        n = self.count[None]
-        for block in range(blocks(n)):
-            total = ti.cast(0.0, ti.f64)
-            for i in range(first(block, n), last(block, n)):
-                total += ti.cast(self.pressure_change[i], ti.f64) * self.pressure_solver.right_side[i]
-            self.partial[0, block] = total
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.work[None] = total_of(self.partial, 0, n)
-
-    def _work(self) -> float:
-        """Change of the pressure times the volume rates of the right side."""
-        self._sum_work()
-        return self.work[None]
-
-    @ti.kernel
-    def _begin_change(self, dt: float):
-        """Keep the velocity, and set what the change of the pressure alone makes in its place."""
-        for b in range(self.walls.count):
-            self.operators.wall_value[b] = self.operators.extrapolated(self.pressure_change, b)
+    def _add_change(self, share: float):
         for i in range(self.count[None]):
-            force = self.operators.pressure_force(self.pressure_change, i)
-            self.velocity_kept[i] = self.velocity[i]
-            self.velocity[i] = dt * self.volume[i] / self.mass[i] * force
-
-    @ti.kernel
-    def _end_change(self, share: float):
-        for i in range(self.count[None]):
-            self.velocity[i] = self.velocity_kept[i] + share * self.velocity[i]
             self.pressure[i] += share * self.pressure_change[i]
 
     def _take(self, dt: float) -> None:
         """Let the change of the pressure act."""
         self.operators.accelerate(self.pressure_change, self.velocity, dt, True)
-        self._add_change()
-
-    @ti.kernel
-    def _add_change(self):
-        for i in range(self.count[None]):
-            self.pressure[i] += self.pressure_change[i]
+        self._add_change(1.0)
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
@@ -210,8 +171,7 @@ class VolumeIncompressible(Scheme):
         self.wall_compression_rest.from_numpy(state["wall_compression_rest"].astype(real_numpy()))
 
     @ti.kernel
-    def _set_velocity_right_side(self, dt: float, sources: float):
-        """Volume rates of the velocity, and `sources` times those that effects ask for, over dt."""
+    def _set_velocity_right_side(self, dt: float):
         for b in range(self.walls.count):
             rate = self.operators.wall_rate(self.velocity, b)
             if ti.static(self.volumes_change):
@@ -220,7 +180,7 @@ class VolumeIncompressible(Scheme):
                     k = self.wall_rows.entry(b, slot)
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
-                rate += sources * self.operators.over_wall_weight(b, total)
+                rate += self.operators.over_wall_weight(b, total)
             self.operators.wall_value[b] = rate
         for i in range(self.count[None]):
             rate = self.operators.volume_rate(self.velocity, i)
@@ -230,7 +190,7 @@ class VolumeIncompressible(Scheme):
                     k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
-                rate += sources * self.volume[i] * total
+                rate += self.volume[i] * total
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
