@@ -24,6 +24,9 @@ from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real
 
+ANSWER_TOLERANCE = 10.0  # of the answer to a change of the pressure, over that of the solve: at 0.4 mm 1, 10 and 30
+# move the eye at rest alike (0.3 %), with 18, 9 and 6 iterations
+
 
 @dataclasses.dataclass(frozen=True)
 class ViscosityImplicitParameters:
@@ -167,7 +170,7 @@ class ViscosityImplicit(Effect):
         self.form.assemble(dt)
         self._start(dt)
         self.scale[None] = self.momentum[None]
-        statistics = self._solve(dt)
+        statistics = self._solve(dt, 1.0)
         self.particles.viscous_acceleration.fill(0.0)
         self._add_acceleration(1.0, dt)
         return statistics
@@ -177,10 +180,10 @@ class ViscosityImplicit(Effect):
         self.particles.velocity.fill(0.0)
 
     def answer_change(self, dt: float) -> dict[str, float]:
-        """To the accuracy of the whole: the residual is compared with the momentum given to `correct_velocity`."""
+        """The residual is compared with the momentum of the whole, which was given to `correct_velocity`."""
         self.particles.velocity_given.copy_from(self.particles.velocity)
         self._start(dt)
-        statistics = self._solve(dt)
+        statistics = self._solve(dt, ANSWER_TOLERANCE)
         self._sum_work()
         share = self.momentum[None] / self.work[None] if self.work[None] > 0.0 else 0.0
         self._add_acceleration(share, dt)
@@ -205,12 +208,13 @@ class ViscosityImplicit(Effect):
         for i in range(self.count[None]):
             self.particles.velocity[i] = self.particles.velocity_kept[i] + share * self.particles.velocity[i]
 
-    def _solve(self, dt: float) -> dict[str, float]:
-        """Conjugate gradients from the velocity that is there."""
+    def _solve(self, dt: float, looser: float) -> dict[str, float]:
+        """Conjugate gradients from the velocity that is there, to `looser` times the tolerance of the scene."""
         numerics = self.solver.settings.numerics
+        tolerance = looser * numerics.viscosity_tolerance
         self._direct()
         iterations = 0
-        while (self.norm[None] > numerics.viscosity_tolerance**2 * self.scale[None]
+        while (self.norm[None] > tolerance**2 * self.scale[None]
                and iterations < numerics.maximum_iterations):
             self.form.differentiate(self.particles.viscous_direction)
             self._advance(dt)
