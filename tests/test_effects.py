@@ -356,6 +356,18 @@ def test_a_lone_particle_moves_as_what_surrounds_it_allows(solver, name):
     assert (slowed >= 4.0 / 6.0).all() and (slowed <= 1.0).all()
 
 
+def test_a_film_on_the_wall_keeps_its_own_viscosity(small_circle):
+    """A layer of aqueous one particle thick, under oil a thousand times as viscous, slides as the thin liquid it is."""
+    solver = cavities.build(small_circle, effects=(cavities.parameters("viscosity_implicit"),),
+                            phase=lambda x: np.linalg.norm(x, axis=1) < RADIUS - SPACING)
+    solver.search.build()
+    effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
+    phase, felt = cavities.read(solver, "phase", "dynamic_viscosity")
+    film = phase == 0
+    assert 0.1 * len(film) < film.sum() < 0.4 * len(film)
+    np.testing.assert_array_equal(felt[film], cavities.AQUEOUS.dynamic_viscosity)
+
+
 # Forms of the implicit viscosity.
 
 FORMS = ("central", "laplacian", "strain")

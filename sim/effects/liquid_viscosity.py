@@ -40,6 +40,7 @@ class LiquidViscosity:
         self.of_liquid = ti.field(real(), shape=self.number)
         for k, liquid in enumerate(solver.liquids):
             self.of_liquid[k] = liquid.dynamic_viscosity
+        self.differ = len({liquid.dynamic_viscosity for liquid in solver.liquids}) > 1
 
     @ti.func
     def viscosity(self, i):
@@ -56,22 +57,29 @@ class LiquidViscosity:
         """Set `own_viscosity` and `dynamic_viscosity`, which are given, from the present neighbor rows."""
         for i in range(self.count[None]):
             own[i] = self.viscosity(i)
-        for i in range(self.count[None]):
-            mu = own[i]
-            alike, around, total = 0.0, 0.0, 1e-20
-            for slot in range(self.pairs.count[i]):
-                k = self.pairs.entry(i, slot)
-                weight, other = self.pairs.weight[k], own[self.pairs.index[k]]
-                alike += weight * ti.select(other > mu, mu / other, 1.0)
-                around += weight * other
-                total += weight
-            for slot in range(self.wall_pairs.count[i]):
-                weight = self.wall_pairs.weight[self.wall_pairs.entry(i, slot)]
-                alike += weight
-                around += weight * mu
-                total += weight
-            alone = ti.math.clamp((AMONG - alike / total) / (AMONG - ALONE), 0.0, 1.0)
-            felt[i] = mu + alone * ti.max(around / total - mu, 0.0)
+            felt[i] = own[i]
+        if ti.static(self.differ):
+            for i in range(self.count[None]):
+                felt[i] += self._missing(own, i)
+
+    @ti.func
+    def _missing(self, own: ti.template(), i):
+        """What a particle that is alone in a more viscous liquid lacks of the viscosity around it, Pa s."""
+        mu = own[i]
+        alike, around, total = 0.0, 0.0, 1e-20
+        for slot in range(self.pairs.count[i]):
+            k = self.pairs.entry(i, slot)
+            weight, other = self.pairs.weight[k], own[self.pairs.index[k]]
+            alike += weight * ti.select(other > mu, mu / other, 1.0)
+            around += weight * other
+            total += weight
+        for slot in range(self.wall_pairs.count[i]):
+            weight = self.wall_pairs.weight[self.wall_pairs.entry(i, slot)]
+            alike += weight
+            around += weight * mu
+            total += weight
+        alone = ti.math.clamp((AMONG - alike / total) / (AMONG - ALONE), 0.0, 1.0)
+        return alone * ti.max(around / total - mu, 0.0)
 
     @ti.func
     def depth(self, i):
