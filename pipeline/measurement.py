@@ -26,7 +26,7 @@ KEPT = Path("outputs/measurements")
 MODULES = ("pipeline.probe", "pipeline.eye", "pipeline.voxelize", "pipeline.reconstruct", "pipeline.render",
            "pipeline.metrics", "pipeline.measurement")
 WORDS = ("title", "description", "label")
-PROBE_SECONDS, REHEARSAL_SECONDS = 60.0, 40.0
+PROBE_SECONDS, REHEARSAL_SECONDS = 80.0, 40.0
 REHEARSAL_PARTICLES = 1000  # enough that liquids fall, meet and splash as more of them do
 FRAMES, SHORT = 5, 10.0  # frames of the second run of a stage; s of all cores, above which one run will do
 STAGES = ("reconstruct", "render", "metrics")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from pipeline.expected_error import ExpectedError, expected_errors
-from pipeline.probe import ROUNDS
+from pipeline.probe import ROUNDS, SETTLING
 from pipeline.scene_model import Scene
 from pipeline.usage import KINDS
 from sim.cores import available_cores
@@ -113,8 +113,8 @@ def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:
                        phase["cpu"], phase["pressure_iterations"], phase["viscosity_iterations"])
         return
     (phase,), frames = phases, rehearsal["frames"]
-    probed = phase["steps"] * phase["time_step"] / interval  # its second half was looked at
-    early = frames[int(0.5 * probed):math.ceil(probed)] or frames
+    probed = phase["steps"] * phase["time_step"] / interval  # its last steps were looked at
+    early = frames[int(SETTLING * probed):math.ceil(probed)] or frames
     first = {name: sum(frame[name] for frame in early) / len(early) for name in ROUNDS}
     finer = scene.numerics.particle_spacing / measured["spacing"]
     solves = sum(phase.get(f"part {name}", 0.0) for name in SOLVES) / phase["wall"]

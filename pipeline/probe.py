@@ -25,7 +25,9 @@ from pipeline.usage import at_least, usage
 from sim.cores import useful_threads
 
 COMPILING = 2  # steps at the start of a process, in which kernels are compiled or read from Taichi's cache
-STEPS, FEWEST = 60, 4  # in all phases together; in each in any case
+STEPS, FEWEST = 90, 6  # in all phases together; in each in any case
+SETTLING = 2.0 / 3.0  # of the steps of a phase, in which the solves get used to it; the others count
+MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves
 LONG = 1e3  # s, until which a probe would go on: its steps are not shortened to meet a frame
 ROUNDS = ("pressure_iterations", "viscosity_iterations")
 
@@ -72,13 +74,25 @@ def typical(steps: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def settled(steps: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Return what is typical of the second half of steps: in the first one the solves get used to a phase."""
-    return typical(steps[len(steps) // 2:])
+    """Return what is typical of steps once the solves have settled."""
+    return typical(steps[int(SETTLING * len(steps)):])
+
+
+def mix_ahead(solver, seconds: float) -> None:
+    """Let diffusion alone act for so long: the solves are easier where liquids have mixed, and a probe is short."""
+    for effect in solver.effects:
+        if effect.name == "diffusion" and effect.parameters.coefficient:
+            solver.search.sort()
+            solver.search.build()
+            effect.prepare(min(seconds, (MIXED * solver.spacing) ** 2 / effect.parameters.coefficient))
 
 
 def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path,
           start: Path | None = None) -> dict:
     """Take steps in every phase, and write frames and a checkpoint into a folder.
+
+    Liquids that are left as they are go on from one phase to the next, so that the solves go on settling, and mix in
+    between as long as they would in the scene.
 
     Parameters
     ----------
@@ -96,7 +110,8 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
     solver = build_solver(scene, initial)
     if start:
         restore(Runner(solver), load_checkpoint(start), start, begins=True)
-    state, found, failed, writing = solver.state(), [], [], []
+    start_state, found, failed, writing = solver.state(), [], [], []
+    state, mixed = start_state, 0.0
     warm = take_steps(solver, COMPILING)
     began = usage()
     with progress(len(phases), f"{scene.name}: probe at {scene.accuracy}", unit="phase") as bar:
@@ -104,9 +119,13 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
             bar.set_postfix_str(phase.name)
             try:
                 solver.restore(state_in(scene, solver, state, phase))
+                if scene.closed:
+                    mix_ahead(solver, phase.middle - mixed)
                 steps = take_steps(solver, max(FEWEST, STEPS // len(phases)), seconds / len(phases),
                                    scene.numerics.threads or useful_threads())
                 found.append(dataclasses.asdict(phase) | settled(steps) | {"steps": len(steps)})
+                if phase.fill is None:
+                    state, mixed = solver.state(), phase.middle
             except (RunError, OverflowError) as error:
                 failed.append(f"{phase.name} from {phase.begin:g} to {phase.end:g} s: {error}")
                 continue
@@ -118,7 +137,7 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
     if not found:
         raise UserError(f"{scene.name}: no step of it could be probed ({'; '.join(failed)})")
     checkpoint = folder / "checkpoint.npz"
-    save_checkpoint(checkpoint, state)
+    save_checkpoint(checkpoint, start_state)
     usual = len(warm) * np.array([found[0]["wall"], found[0]["cpu"]])  # such steps are counted with the others
     return {
         "particles": solver.count[None], "wall_particles": solver.walls.count, "limit": step_at_rest(solver),
@@ -166,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                                                                "built, so that its kernels are compiled")
     p.add_argument("--start", type=Path, metavar="FILE", help="checkpoint that the scene starts from")
     p.add_argument("--rehearse", action="store_true", help="run the scene to its end")
-    p.add_argument("--seconds", type=float, default=60.0, help="time for all steps (default 60)")
+    p.add_argument("--seconds", type=float, default=80.0, help="time for all steps (default 80)")
     p.add_argument("--output", type=Path, required=True, help="file to write (JSON)")
     options = p.parse_args(arguments)
     scene, initial = load_resolved(options.scene), load_initial(options.initial)

@@ -21,7 +21,7 @@ from pipeline.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
 from pipeline.measurement import coarser, measured, rehearsal_spacing
 from pipeline.phases import fill_at_start, phases_of, state_in
 from pipeline.prediction import predict, spans
-from pipeline.probe import as_usage, probe, rehearse, take_steps
+from pipeline.probe import as_usage, mix_ahead, probe, rehearse, take_steps
 from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.simulate import build_solver
 from pipeline.study_plan import load_study
@@ -55,6 +55,17 @@ effects:
   injection:
     {liquid: silicone_oil_1000, drained_liquid: aqueous, flow: 1.0e-4, fill: 40 %, cannula: [10 mm, 15 mm, 0 mm],
      drain: [10 mm, 3 mm, 0 mm]}
+numerics: {particle_spacing: 1 mm}
+output: {duration: 2 s}
+"""
+
+
+LAYERS = """
+dimension: 2
+container: {size: [20 mm, 20 mm]}
+liquids: [aqueous, silicone_oil_1000]
+initial: {fill: {aqueous: 50 %, silicone_oil_1000: 50 %}}
+effects: {gravity: {}, viscosity_implicit: {}, diffusion: {coefficient: 4.0e-6 m2/s}}
 numerics: {particle_spacing: 1 mm}
 output: {duration: 2 s}
 """
@@ -136,7 +147,7 @@ def probed(taichi, box, tmp_path_factory):
 
 def test_probe_takes_steps_of_the_scene(box, probed):
     phase, = probed["phases"]
-    assert probed["particles"] == 600 and phase["steps"] == 60 and not probed["failed"]
+    assert probed["particles"] == 600 and phase["steps"] == 90 and not probed["failed"]
     assert 0.0 < phase["time_step"] < 1.001 * box.numerics.maximum_time_step and phase["pressure_iterations"] > 0.0
     assert all(phase["wall"] >= phase[kind] / os.cpu_count() > 0.0 for kind in KINDS)
 
@@ -227,6 +238,32 @@ def test_rehearsal_decides_steps_and_iterations():
     refused = {"frames": [], "failed": ["the fixed time step is too large"]}
     told = predict(scene, synthetic(scene, rehearsal=refused)).notes[0]
     assert "could not be rehearsed" in told and told.endswith("more: the fixed time step is too large")
+
+
+def test_liquids_mix_between_the_phases_as_long_as_in_the_scene(taichi, write):
+    scene = write(LAYERS, "layers")
+    solver = build_solver(scene, container_arrays(scene))
+    diffusion, = (effect for effect in solver.effects if effect.name == "diffusion")
+    start = solver.state()
+
+    def mixed(function) -> np.ndarray:
+        solver.restore(start)
+        function()
+        # in the order of the numbers: the particles are sorted before they mix
+        return solver.particles.to_numpy("volume_fraction")[np.argsort(solver.particles.to_numpy("id"))].astype(float)
+
+    def in_small_steps() -> None:
+        solver.search.sort()
+        solver.search.build()
+        for _ in range(50):
+            diffusion.prepare(0.02)
+
+    before, at_once = mixed(lambda: None), mixed(lambda: mix_ahead(solver, 1.0))
+    assert solver.time == start["time"] and np.array_equal(
+        np.sort(solver.particles.to_numpy("position"), axis=0), np.sort(start["particles.position"], axis=0))
+    assert at_once == pytest.approx(mixed(in_small_steps), abs=1e-2)  # sub-steps of another length
+    assert at_once.sum(axis=0) == pytest.approx(before.sum(axis=0), rel=1e-5)
+    assert np.var(at_once[:, 0]) < 0.8 * np.var(before[:, 0])
 
 
 def test_phase_that_cannot_be_probed_counts_as_the_others():
