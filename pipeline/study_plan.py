@@ -181,7 +181,7 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
     telling = _telling_fields(family.Parameters, read)
     cases = {}
     for one in read:
-        values = (getattr(one, field) for field in telling)
+        values = [value for field in telling if (value := getattr(one, field)) is not None]
         case = "-".join([name, *(f"{value:g}" if isinstance(value, float) else f"{value}" for value in values)])
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
