@@ -26,8 +26,10 @@ KEPT = Path("outputs/measurements")
 MODULES = ("pipeline.probe", "pipeline.eye", "pipeline.voxelize", "pipeline.reconstruct", "pipeline.render",
            "pipeline.metrics", "pipeline.measurement")
 WORDS = ("title", "description", "label")
-PROBE_SECONDS, REHEARSAL_SECONDS = 80.0, 40.0
-REHEARSAL_PARTICLES = 1000  # enough that liquids fall, meet and splash as more of them do
+PROBE_SECONDS, REHEARSAL_SECONDS = 80.0, 60.0
+# Particles of a rehearsal: a share of those of the scene, as splashes are faster the finer they are resolved, but
+# enough that liquids fall and meet as more of them do, and few enough for its time.
+REHEARSED, FEWEST_REHEARSED, MOST_REHEARSED = 0.25, 1000, 4000
 FRAMES, SHORT = 5, 10.0  # frames of the second run of a stage; s of all cores, above which one run will do
 STAGES = ("reconstruct", "render", "metrics")
 
@@ -161,7 +163,8 @@ def _link_frames(source: Path, folder: Path, count: int) -> None:
 def rehearsal_spacing(scene: Scene, particles: int) -> float:
     """Return the particle spacing, m, with which a scene is rehearsed: as coarse as its liquids can be told from."""
     spacing = scene.numerics.particle_spacing
-    wanted = spacing * (particles / REHEARSAL_PARTICLES) ** (1.0 / scene.dimension)
+    number = min(max(FEWEST_REHEARSED, REHEARSED * particles), MOST_REHEARSED)
+    wanted = spacing * (particles / number) ** (1.0 / scene.dimension)
     sides = [side for block in scene.blocks for side in block.sides]
     funnels = [funnel.thickness for funnel in (scene.container.funnels if scene.container else ())]
     return max(spacing, min([wanted, *(0.25 * side for side in sides), *(0.5 * thick for thick in funnels)]))

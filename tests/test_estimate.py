@@ -277,7 +277,8 @@ def test_phase_that_cannot_be_probed_counts_as_the_others():
 
 def test_rehearsal_is_coarse_but_keeps_every_block():
     scene = load("coupling_2d", "fine")
-    assert rehearsal_spacing(scene, 116_640) == pytest.approx(3.7e-3 * 116.64**0.5)
+    assert rehearsal_spacing(scene, 116_640) == pytest.approx(3.7e-3 * (116_640 / 4000)**0.5)
+    assert rehearsal_spacing(scene, 8000) == pytest.approx(2.0 * 3.7e-3)
     assert rehearsal_spacing(scene, 500) == 3.7e-3
     assert rehearsal_spacing(load("egg_funnel"), 10**9) <= 0.5 * load("egg_funnel").container.funnels[0].thickness
 
