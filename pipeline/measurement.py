@@ -90,9 +90,9 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
 
     Returns
     -------
-    probe, rehearsal : of ``pipeline.probe``, the latter None for a full cavity; compilation : s that the first build of
-    the solver took beyond a later one; stages : what they take (:func:`time_stage`); cavity_volume, m^3 (m^2);
-    spacing : of the rehearsal, m; memory : bytes, of the simulation.
+    probe, rehearsals : of ``pipeline.probe``, the latter with their ``spacing``, m, none for a full cavity;
+    compilation : s that the first build of the solver took beyond a later one; stages : what they take
+    (:func:`time_stage`); cavity_volume, m^3 (m^2); memory : bytes, of the simulation.
     """
     resolved, stages = work / "scene.json", {}
     write_text(resolved, scene.to_json())
@@ -110,11 +110,11 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
                      *(("--start", start) if start else ()), "--output", work / "probe.json", quiet=False)
     probe = json.loads((work / "probe.json").read_text())
     stages |= {stage: time_stage(stage, resolved, initial, mesh, work) for stage in STAGES}
-    rehearsal, spacing = None, rehearsal_spacing(scene, probe["particles"])
-    if not scene.closed:
-        rehearsal = rehearse(coarser(scene, spacing), work / "rehearsal")
     return {
-        "probe": probe, "rehearsal": rehearsal, "spacing": spacing, "stages": stages, "cavity_volume": volume,
+        "probe": probe, "rehearsals": [] if scene.closed else [
+            {"spacing": spacing} | rehearse(coarser(scene, spacing), work / f"rehearsal_{index}")
+            for index, spacing in enumerate(rehearsal_spacings(scene, probe["particles"]))],
+        "stages": stages, "cavity_volume": volume,
         "compilation": {kind: max(0.0, first[kind] - probe["start"][kind]) for kind in KINDS},
         "memory": took["memory"]}
 
@@ -160,14 +160,20 @@ def _link_frames(source: Path, folder: Path, count: int) -> None:
         frame_path(folder, index).symlink_to(found[index % len(found)].absolute())
 
 
-def rehearsal_spacing(scene: Scene, particles: int) -> float:
-    """Return the particle spacing, m, with which a scene is rehearsed: as coarse as its liquids can be told from."""
+def rehearsal_spacings(scene: Scene, particles: int) -> list[float]:
+    """Return the particle spacings, m, with which a scene is rehearsed, the finest first.
+
+    They are as coarse as its liquids can be told apart; a second one shows how splashes change with the spacing.
+    """
     spacing = scene.numerics.particle_spacing
-    number = min(max(FEWEST_REHEARSED, REHEARSED * particles), MOST_REHEARSED)
-    wanted = spacing * (particles / number) ** (1.0 / scene.dimension)
     sides = [side for block in scene.blocks for side in block.sides]
     funnels = [funnel.thickness for funnel in (scene.container.funnels if scene.container else ())]
-    return max(spacing, min([wanted, *(0.25 * side for side in sides), *(0.5 * thick for thick in funnels)]))
+    most = min(max(FEWEST_REHEARSED, REHEARSED * particles), MOST_REHEARSED)
+    found = []
+    for number in (most, FEWEST_REHEARSED):
+        wanted = spacing * (particles / number) ** (1.0 / scene.dimension)
+        found.append(max(spacing, min([wanted, *(0.25 * side for side in sides), *(0.5 * thin for thin in funnels)])))
+    return found if found[-1] > 1.2 * found[0] else found[:1]
 
 
 def coarser(scene: Scene, spacing: float) -> Scene:

@@ -1,8 +1,9 @@
 """What a scene will cost: what was measured on a few of its steps and frames, extended to all of them.
 
 A full cavity is measured in every phase. Under a free surface the course of the motion decides how long the steps can
-be: a coarse rehearsal shows it. Limits by speed and acceleration follow the particle spacing, and the iterations of the
-solves are taken to change over the scene as they do in the rehearsal.
+be: a coarse rehearsal shows it. Limits by speed and acceleration follow the particle spacing, splashes are faster the
+finer they are resolved, as a second, coarser rehearsal shows, and the iterations of the solves are taken to change over
+the scene as they do in the rehearsal.
 """
 import dataclasses
 import math
@@ -103,35 +104,54 @@ def predict(scene: Scene, measured: Mapping, cores: int | None = None) -> Predic
 
 def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:
     """Yield the parts of a scene."""
-    interval, probe, rehearsal = scene.output.frame_interval, measured["probe"], measured["rehearsal"]
+    interval, probe, rehearsals = scene.output.frame_interval, measured["probe"], measured["rehearsals"]
     phases = probe["phases"]
-    if not (rehearsal and rehearsal["frames"]):
+    if not (rehearsals and rehearsals[0]["frames"]):
         lost = scene.output.duration / sum(phase["end"] - phase["begin"] for phase in phases)
         for phase in phases:  # every frame ends with a whole step; what could not be probed is as all the rest
             frames = lost * (phase["end"] - phase["begin"]) / interval
             yield Span(max(1, round(frames * math.ceil(interval / phase["time_step"] - 1e-9))), phase["wall"],
                        phase["cpu"], phase["pressure_iterations"], phase["viscosity_iterations"])
         return
-    (phase,), frames = phases, rehearsal["frames"]
+    (phase,), frames = phases, rehearsals[0]["frames"]
     probed = phase["steps"] * phase["time_step"] / interval  # its last steps were looked at
     early = frames[int(SETTLING * probed):math.ceil(probed)] or frames
     first = {name: sum(frame[name] for frame in early) / len(early) for name in ROUNDS}
-    finer = scene.numerics.particle_spacing / measured["spacing"]
+    more_steps = growth(scene, measured)
     solves = sum(phase.get(f"part {name}", 0.0) for name in SOLVES) / phase["wall"]
     lost = (scene.frame_count - 1) / len(frames)
-    for frame in frames:
-        step = min(probe["limit"], finer * frame["time_step"])
+    for frame, number in zip(frames, steps_in(scene, measured, rehearsals[0]), strict=True):
         rounds = {name: frame[name] / first[name] if first[name] else 1.0 for name in ROUNDS}
         more = 1.0 + solves * (rounds["pressure_iterations"] - 1.0)
-        yield Span(round(lost * math.ceil(interval / step - 1e-9)), more * phase["wall"], more * phase["cpu"],
+        yield Span(round(lost * more_steps * number), more * phase["wall"], more * phase["cpu"],
                    *(phase[name] * ratio for name, ratio in rounds.items()))
+
+
+def steps_in(scene: Scene, measured: Mapping, rehearsal: Mapping) -> list[int]:
+    """Return the time steps of every frame of a scene, if its motion is that of a rehearsal."""
+    interval, finer = scene.output.frame_interval, scene.numerics.particle_spacing / rehearsal["spacing"]
+    return [math.ceil(interval / min(measured["probe"]["limit"], finer * frame["time_step"]) - 1e-9)
+            for frame in rehearsal["frames"]]
+
+
+def growth(scene: Scene, measured: Mapping) -> float:
+    """Return by what the steps of a scene are more than those of its rehearsal; a coarser one tells the power law."""
+    if len(measured["rehearsals"]) < 2:
+        return 1.0
+    fine, coarse = measured["rehearsals"]
+    pairs = list(zip(steps_in(scene, measured, fine), steps_in(scene, measured, coarse), strict=False))
+    if not pairs:
+        return 1.0
+    more, fewer = map(sum, zip(*pairs, strict=True))
+    power = math.log(more / fewer) / math.log(coarse["spacing"] / fine["spacing"])
+    return (fine["spacing"] / scene.numerics.particle_spacing) ** power
 
 
 def notes(scene: Scene, measured: Mapping) -> Iterator[str]:
     """Yield sentences on what could not be measured."""
     for failure in measured["probe"]["failed"]:
         yield f"counted as the other phases are, because it could not be probed: {failure}"
-    rehearsal = measured["rehearsal"]
+    rehearsal = measured["rehearsals"][0] if measured["rehearsals"] else None
     if rehearsal and not rehearsal["frames"]:
         yield ("the motion could not be rehearsed, so that all steps are counted as the first ones, and there may be "
                f"more: {'; '.join(rehearsal['failed'])}")

@@ -18,7 +18,7 @@ from pipeline.container import container_arrays
 from pipeline.errors import UserError
 from pipeline.estimate import duration, main, memory, notes
 from pipeline.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
-from pipeline.measurement import coarser, measured, rehearsal_spacing
+from pipeline.measurement import coarser, measured, rehearsal_spacings
 from pipeline.phases import fill_at_start, phases_of, state_in
 from pipeline.prediction import predict, spans
 from pipeline.probe import as_usage, mix_ahead, probe, rehearse, take_steps
@@ -75,17 +75,22 @@ def load(name: str, level: str = "draft"):
     return load_scene(SCENES / f"{name}.yaml", level)
 
 
+def rehearsal(spacing: float, frames: list[dict], *failed: str) -> dict:
+    return {"spacing": spacing, "frames": frames, "failed": list(failed)}
+
+
 def synthetic(scene, **changes) -> dict:
     """A measurement in which a step takes 0.1 s, a process 2 s and a frame of every stage 0.5 s."""
     stage = {"start": {"wall": 1.0, "cpu": 1.0}, "frame": {"wall": 0.5, "cpu": 0.5}, "memory": 2e8, "disk": 1e5}
     both = {"wall": 2.0, "cpu": 2.0}
     phases = [dataclasses.asdict(phase) | STEP for phase in phases_of(scene, CAVITY, SCENES)]
-    rehearsal = None if scene.closed else {"frames": [STEP] * (scene.frame_count - 1), "failed": []}
+    frames = [STEP] * (scene.frame_count - 1)
+    rehearsals = [] if scene.closed else [rehearsal(scene.numerics.particle_spacing, frames)]
     return {
         "probe": {"particles": 5000, "wall_particles": 3000, "limit": 2e-3, "imports": both, "start": both,
                   "frame": {"wall": 0.1, "cpu": 0.1}, "phases": phases, "failed": [],
                   "disk": {"frame": 3e5, "checkpoint": 1e6}},
-        "rehearsal": rehearsal, "spacing": scene.numerics.particle_spacing, "cavity_volume": CAVITY, "memory": 3e8,
+        "rehearsals": rehearsals, "cavity_volume": CAVITY, "memory": 3e8,
         "stages": dict.fromkeys(("reconstruct", "render", "metrics"), stage),
         "compilation": {"wall": 7.0, "cpu": 7.0}} | changes
 
@@ -225,19 +230,30 @@ def test_rehearsal_decides_steps_and_iterations():
     fast = STEP | {"time_step": 4e-3, "pressure_iterations": 20.0}  # at twice the spacing: 2 ms here
     slow = STEP | {"time_step": 1e-3}
     frames = [slow] * 2 + [fast] * 98 + [slow] * 50
-    measured = synthetic(scene, spacing=2.0 * scene.numerics.particle_spacing,
-                         rehearsal={"frames": frames, "failed": []})
+    coarse = 2.0 * scene.numerics.particle_spacing
+    measured = synthetic(scene, rehearsals=[rehearsal(coarse, frames)])
     found = list(spans(scene, measured))
     assert [span.steps for span in found] == [40] * 2 + [10] * 98 + [40] * 50
     # Half of a step is the pressure solve, which goes round twice as often.
     assert found[2].cpu == pytest.approx(1.5 * STEP["cpu"]) and found[-1].cpu == pytest.approx(STEP["cpu"])
     assert found[2].pressure_iterations == 20.0
-    short = synthetic(scene, rehearsal={"frames": frames[:75], "failed": ["it burst"]})
+    short = synthetic(scene, rehearsals=[rehearsal(scene.numerics.particle_spacing, frames[:75], "it burst")])
     assert predict(scene, short).steps == 2 * (2 * 20 + 73 * 10)
     assert "rehearsed up to 1.5 s (it burst)" in predict(scene, short).notes[0]
-    refused = {"frames": [], "failed": ["the fixed time step is too large"]}
-    told = predict(scene, synthetic(scene, rehearsal=refused)).notes[0]
+    refused = rehearsal(coarse, [], "the fixed time step is too large")
+    told = predict(scene, synthetic(scene, rehearsals=[refused, refused])).notes[0]
     assert "could not be rehearsed" in told and told.endswith("more: the fixed time step is too large")
+
+
+def test_steps_grow_from_rehearsal_to_scene_as_between_rehearsals():
+    scene = load("coupling_2d")
+    own, frame = scene.numerics.particle_spacing, scene.output.frame_interval
+    fine = rehearsal(2.0 * own, [STEP | {"time_step": frame / 20}] * 150)  # 40 steps in a frame, at this spacing
+    coarse = rehearsal(4.0 * own, [STEP | {"time_step": frame / 8}] * 150)  # 32
+    assert predict(scene, synthetic(scene, rehearsals=[fine, coarse])).steps == 150 * 50  # 40 * 40 / 32
+    assert predict(scene, synthetic(scene, rehearsals=[fine])).steps == 150 * 40
+    short = rehearsal(4.0 * own, coarse["frames"][:10], "it burst")
+    assert predict(scene, synthetic(scene, rehearsals=[fine, short])).steps == 150 * 50
 
 
 def test_liquids_mix_between_the_phases_as_long_as_in_the_scene(taichi, write):
@@ -277,10 +293,11 @@ def test_phase_that_cannot_be_probed_counts_as_the_others():
 
 def test_rehearsal_is_coarse_but_keeps_every_block():
     scene = load("coupling_2d", "fine")
-    assert rehearsal_spacing(scene, 116_640) == pytest.approx(3.7e-3 * (116_640 / 4000)**0.5)
-    assert rehearsal_spacing(scene, 8000) == pytest.approx(2.0 * 3.7e-3)
-    assert rehearsal_spacing(scene, 500) == 3.7e-3
-    assert rehearsal_spacing(load("egg_funnel"), 10**9) <= 0.5 * load("egg_funnel").container.funnels[0].thickness
+    assert rehearsal_spacings(scene, 116_640) == pytest.approx([3.7e-3 * (116_640 / n)**0.5 for n in (4000, 1000)])
+    assert rehearsal_spacings(scene, 8000) == pytest.approx([3.7e-3 * 4.0**0.5, 3.7e-3 * 8.0**0.5])
+    assert rehearsal_spacings(scene, 4000) == pytest.approx([3.7e-3 * 2.0])
+    assert rehearsal_spacings(scene, 500) == [3.7e-3]
+    assert max(rehearsal_spacings(load("egg_funnel"), 10**9)) <= 0.5 * load("egg_funnel").container.funnels[0].thickness
 
 
 def test_expected_error_follows_the_observed_order(tmp_path):
