@@ -16,7 +16,7 @@ from pipeline.usage import KINDS
 from sim.cores import available_cores
 
 SMALL_STAGES = 4  # scene, advise, index_frames and movie: little more than their start
-SOLVES = ("pressure", "divergence solve", "density solve")  # parts of a scheme that go round
+SOLVES = ("pressure", "divergence solve", "density solve", "position correction")  # parts of a scheme that go round
 
 
 @dataclasses.dataclass(frozen=True)
