@@ -163,7 +163,7 @@ def _link_frames(source: Path, folder: Path, count: int) -> None:
 def rehearsal_spacings(scene: Scene, particles: int) -> list[float]:
     """Return the particle spacings, m, with which a scene is rehearsed, the finest first.
 
-    They are as coarse as its liquids can be told apart; a second one shows how splashes change with the spacing.
+    Its liquids can still be told apart in them; a second one shows how splashes change with the spacing.
     """
     spacing = scene.numerics.particle_spacing
     sides = [side for block in scene.blocks for side in block.sides]
