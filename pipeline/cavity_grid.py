@@ -3,8 +3,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.optimize import brentq
 
-from pipeline.contour import TriangleMesh, contour
-from pipeline.contour_lines import ContourLines, contour_lines, enclosed_area
+from pipeline.contour import TriangleMesh, contour, enclosed_volumes
+from pipeline.contour_lines import ContourLines, contour_lines, enclosed_areas
 
 
 class CavityGrid:
@@ -61,12 +61,18 @@ class CavityGrid:
             return contour_lines(inside, self.origin, self.cell)
         return contour(inside, self.origin, self.cell, self.method)
 
-    def enclosed(self, level: np.ndarray, block: tuple[slice, ...] | None = None) -> float:
-        """Volume (m**3; m**2 in 2D) inside ``contour``; of the nodes in ``block`` alone, where the level is given."""
-        inside = np.minimum(level, self.depth if block is None else self.depth[block])
+    def enclosed(self, level: np.ndarray) -> float:
+        """Volume (m**3; m**2 in 2D) inside ``contour``."""
+        inside = np.minimum(level, self.depth)
         if self.dimension == 2:
-            return enclosed_area(inside, self.cell)
+            return float(enclosed_areas(inside[None], self.cell)[0])
         return contour(inside, self.origin, self.cell, self.method).volume
+
+    def enclosed_each(self, fields: np.ndarray) -> np.ndarray:
+        """Volume (k,) (m**3; m**2 in 2D) where each field (k, nx, ny[, nz]), positive inside, is, on cells as here."""
+        if self.dimension == 2:
+            return enclosed_areas(fields, self.cell)
+        return enclosed_volumes(fields, self.cell, self.method)
 
     def _fit_wall(self, volume: float | None) -> float:
         """Move the wall of the grid so that its contour holds the cavity's volume (m**3); return what it holds.

@@ -67,6 +67,21 @@ def contour(field: np.ndarray, origin: np.ndarray, cell: float, method: str = "f
     return TriangleMesh(np.asarray(origin) + (vertices - 1.0) * cell, triangles)
 
 
+def enclosed_volumes(fields: np.ndarray, cell: float, method: str = "flying_edges") -> np.ndarray:
+    """Volume (k,), m**3, that ``contour`` encloses in each field (k, nx, ny, nz): one contour around all in a row.
+
+    Its points have seven digits, of places along the row: those of a thousand fields may be off by 1e-3 cells.
+    """
+    length = fields.shape[1] + 1
+    row = np.pad(fields, ((0, 0), (0, 1), (0, 0), (0, 0)), constant_values=-1.0).reshape(-1, *fields.shape[2:])
+    mesh = contour(row, np.zeros(3), 1.0, method)
+    field = np.floor((mesh.vertices[mesh.triangles[:, 0], 0] + 1.0) / length).astype(np.int64)
+    # The middle of its field as origin keeps the digits of a triangle far down the row.
+    middle = 0.5 * np.array(fields.shape[1:]) + np.outer(length * field, [1.0, 0.0, 0.0])
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] - middle for k in range(3))
+    return cell**3 * np.bincount(field, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=len(fields))
+
+
 def away_from_zero(field: np.ndarray) -> np.ndarray:
     """The field with values nearer to zero than ``LEVEL_MARGIN`` moved there; zero itself counts as outside."""
     return np.where(np.abs(field) < LEVEL_MARGIN, np.where(field > 0, LEVEL_MARGIN, -LEVEL_MARGIN), field)

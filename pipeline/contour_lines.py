@@ -56,17 +56,17 @@ def contour_lines(field: np.ndarray, origin: np.ndarray, cell: float) -> Contour
     return ContourLines([np.asarray(origin) + (line - 1.0) * cell for line in lines])
 
 
-def enclosed_area(field: np.ndarray, cell: float) -> float:
-    """Area (m**2) that ``contour_lines`` encloses, without the lines: much faster.
+def enclosed_areas(fields: np.ndarray, cell: float) -> np.ndarray:
+    """Area (k,), m**2, that ``contour_lines`` encloses in each field (k, nx, ny), without the lines: much faster.
 
     Inner cells count whole. In a cell with a sign change the region is the polygon of its positive corners and of the
     points where its sides cross zero, in this order around the cell.
     """
-    padded = np.pad(away_from_zero(field), 1, constant_values=-1.0)
+    padded = np.pad(away_from_zero(fields), ((0, 0), (1, 1), (1, 1)), constant_values=-1.0)
     inside = (padded > 0.0).astype(np.int8)
-    positive = inside[:-1, :-1] + inside[1:, :-1] + inside[1:, 1:] + inside[:-1, 1:]
-    row, column = np.nonzero((positive > 0) & (positive < 4))
-    cut = np.stack([padded[row + i, column + j] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=-1)
+    positive = inside[:, :-1, :-1] + inside[:, 1:, :-1] + inside[:, 1:, 1:] + inside[:, :-1, 1:]
+    field, row, column = np.nonzero((positive > 0) & (positive < 4))
+    cut = np.stack([padded[field, row + i, column + j] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=-1)
     place = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     points, valid = [], []
     for k in range(4):
@@ -76,7 +76,8 @@ def enclosed_area(field: np.ndarray, cell: float) -> float:
         share = np.where(crosses, here / np.where(crosses, here - there, 1.0), 0.0)[:, None]
         points += [np.broadcast_to(place[k], (len(cut), 2)), place[k] + share * (place[following] - place[k])]
         valid += [here > 0.0, crosses]
-    return cell**2 * (float((positive == 4).sum()) + float(_polygon_areas(points, valid).sum()))
+    parts = np.bincount(field, _polygon_areas(points, valid), minlength=len(fields))
+    return cell**2 * ((positive == 4).sum(axis=(1, 2)) + parts)
 
 
 def _polygon_areas(points: list[np.ndarray], valid: list[np.ndarray]) -> np.ndarray:

@@ -1,6 +1,8 @@
 """Pieces of liquid of few particles, and the offsets with which their surfaces hold the volume of their particles."""
+import math
+from collections.abc import Sequence
+
 import numpy as np
-from scipy.optimize import brentq
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -11,6 +13,8 @@ from pipeline.frames import FrameData
 DROPLET_PARTICLES = 200         # pieces up to this size have an offset of their own
 LINK_DISTANCE = 1.5             # particles nearer than this many spacings belong to one piece
 DROPLET_TOLERANCE = 0.03        # relative, where the search for a droplet's offset stops
+OFFSET_TOLERANCE = 1e-3         # the same, of the offset itself
+MOST_NODES = 200_000            # of boxes that are looked at in one go
 
 
 def find_droplets(frame: FrameData, liquid: int, spacing: float) -> list[np.ndarray]:
@@ -38,15 +42,23 @@ def droplet_offsets(frame: FrameData, fraction: np.ndarray, droplets: list[list[
     """
     tree = cKDTree(grid.near_nodes) if any(droplets) else None
     near = np.flatnonzero(grid.near)
-    nodes, offsets = [np.zeros(0, int)], [np.zeros((len(fraction), 0))]
+    boxes, shapes = [], {}
     for liquid, piece in ((liquid, piece) for liquid, pieces in enumerate(droplets) for piece in pieces):
         found = tree.query_ball_point(frame.position[piece], LINK_DISTANCE * grid.spacing)
         around = near[np.unique(np.concatenate(found).astype(int))]
-        if not len(around):
-            continue        # a particle that has left the cavity
-        offset = np.zeros((len(fraction), len(around)))
-        offset[liquid] = _offset(fraction, liquid, around, np.sum(frame.volume[piece], dtype=float), grid)
-        nodes.append(around)
+        if len(around):         # else it has left the cavity
+            box = _Box(fraction, liquid, around, np.sum(frame.volume[piece], dtype=float), grid)
+            boxes.append(box)
+            shapes.setdefault(tuple(1 << (length - 1).bit_length() for length in box.level.shape), []).append(box)
+    for shape, alike in shapes.items():
+        number = max(1, MOST_NODES // math.prod(shape))
+        for first in range(0, len(alike), number):
+            _fit(alike[first:first + number], shape, grid)
+    nodes, offsets = [np.zeros(0, int)], [np.zeros((len(fraction), 0))]
+    for box in boxes:
+        offset = np.zeros((len(fraction), len(box.around)))
+        offset[box.liquid] = box.offset
+        nodes.append(box.around)
         offsets.append(offset)
     # Where two droplets share nodes, the larger offset shows both.
     unique, place = np.unique(np.concatenate(nodes), return_inverse=True)
@@ -55,21 +67,43 @@ def droplet_offsets(frame: FrameData, fraction: np.ndarray, droplets: list[list[
     return unique, largest
 
 
-def _offset(fraction: np.ndarray, liquid: int, around: np.ndarray, target: float, grid: CavityGrid) -> float:
-    """Offset at the flat nodes ``around`` with which the contour there holds the volume ``target``, m**3."""
-    index = np.array(np.unravel_index(around, grid.shape))
-    low = index.min(axis=1)
-    block = tuple(slice(start, stop + 1) for start, stop in zip(low, index.max(axis=1), strict=True))
-    own = fraction[(slice(None), *block)]
-    level = own[liquid] - np.delete(own, liquid, axis=0).max(axis=0)
+class _Box:
+    """The nodes around a droplet of ``target`` m**3: flat indices ``around`` in the grid, ``members`` of the box.
+
+    ``level`` is how far the liquid exceeds the others, ``depth`` that of the wall; ``offset`` is to be found.
+    """
+
+    def __init__(self, fraction: np.ndarray, liquid: int, around: np.ndarray, target: float, grid: CavityGrid):
+        index = np.array(np.unravel_index(around, grid.shape))
+        low = index.min(axis=1)
+        block = tuple(slice(start, stop + 1) for start, stop in zip(low, index.max(axis=1), strict=True))
+        own = fraction[(slice(None), *block)]
+        self.liquid, self.around, self.target, self.offset = liquid, around, target, 0.0
+        self.level, self.depth = own[liquid] - np.delete(own, liquid, axis=0).max(axis=0), grid.depth[block]
+        self.members = np.zeros(self.level.shape, bool)
+        self.members[tuple(index - low[:, None])] = True
+
+
+def _fit(boxes: Sequence[_Box], shape: tuple[int, ...], grid: CavityGrid) -> None:
+    """Set the offsets with which the contours in boxes that fit into one shape hold their targets: all at once."""
+    level, depth = np.zeros((len(boxes), *shape)), np.full((len(boxes), *shape), -1.0)
     members = np.zeros(level.shape, bool)
-    members[tuple(index - low[:, None])] = True
-    reach = np.sort(-level[members])
+    for index, box in enumerate(boxes):
+        place = (index, *map(slice, box.level.shape))
+        level[place], depth[place], members[place] = box.level, box.depth, box.members
+    target = np.array([box.target for box in boxes])
 
-    def error(value: float) -> float:
-        relative = grid.enclosed(np.where(members, level + value, -1.0), block) / target - 1.0
-        return 0.0 if abs(relative) < DROPLET_TOLERANCE else relative
+    def error(offset: np.ndarray) -> np.ndarray:
+        raised = level + offset.reshape(-1, *[1] * len(shape))
+        return grid.enclosed_each(np.minimum(np.where(members, raised, -1.0), depth)) / target - 1.0
 
-    if error(reach[-1]) <= 0.0:
-        return reach[-1]        # all that is near: a droplet pressed against the wall
-    return brentq(error, reach[0], reach[-1], xtol=1e-3)
+    low = np.array([-box.level[box.members].max() for box in boxes])
+    high = np.array([-box.level[box.members].min() for box in boxes])
+    low = np.where(error(high) <= 0.0, high, low)   # all that is near: a droplet pressed against the wall
+    while (high - low > OFFSET_TOLERANCE).any():
+        middle = 0.5 * (low + high)
+        off = error(middle)
+        low = np.where(off < DROPLET_TOLERANCE, middle, low)
+        high = np.where(off > -DROPLET_TOLERANCE, middle, high)
+    for box, offset in zip(boxes, 0.5 * (low + high), strict=True):
+        box.offset = offset
