@@ -26,6 +26,7 @@ from sim.cores import useful_threads
 
 COMPILING = 2  # steps at the start of a process, in which kernels are compiled or read from Taichi's cache
 STEPS, FEWEST = 90, 6  # in all phases together; in each in any case
+SHORTEST = 3.0  # s of all phases together: more steps where they are short, as others take of a computer for moments
 SETTLING = 2.0 / 3.0  # of the steps of a phase, in which the solves get used to it; the others count
 MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves
 LONG = 1e3  # s, until which a probe would go on: its steps are not shortened to meet a frame
@@ -43,14 +44,15 @@ def as_usage(seconds: np.ndarray) -> dict[str, float]:
     return {"wall": at_least(wall, cpu), "cpu": cpu}
 
 
-def take_steps(solver, number: int, seconds: float = float("inf"), threads: int = 1) -> list[dict[str, float]]:
+def take_steps(solver, number: int, seconds: tuple[float, float] = (0.0, float("inf")), threads: int = 1
+               ) -> list[dict[str, float]]:
     """Take steps, and return of each its time_step (s), wall and cpu (s), iterations, and the seconds of every part.
 
     Parameters
     ----------
     number : of steps.
-    seconds : on a computer that does nothing else, after which no more are begun, but for the fewest: what others take
-        of it does not leave the solves less time to settle.
+    seconds : on a computer that does nothing else, at least and at most, whatever the number: what others take of it
+        does not leave the solves less time to settle.
     threads : of the solver.
     """
     found, began, before = [], time.process_time(), clocks()
@@ -62,7 +64,7 @@ def take_steps(solver, number: int, seconds: float = float("inf"), threads: int 
                      | {f"part {name}": value - parts.get(name, 0.0) for name, value in sums.items()})
         parts, before = sums, clocks()
         spent = (time.process_time() - began) / threads
-        if len(found) >= number or (len(found) >= FEWEST and spent > seconds):
+        if (len(found) >= number and spent > seconds[0]) or (len(found) >= FEWEST and spent > seconds[1]):
             break
     return found
 
@@ -121,7 +123,8 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
                 solver.restore(state_in(scene, solver, state, phase))
                 if scene.closed:
                     mix_ahead(solver, phase.middle - mixed)
-                steps = take_steps(solver, max(FEWEST, STEPS // len(phases)), seconds / len(phases),
+                steps = take_steps(solver, max(FEWEST, STEPS // len(phases)),
+                                   (SHORTEST / len(phases), seconds / len(phases)),
                                    scene.numerics.threads or useful_threads())
                 found.append(dataclasses.asdict(phase) | settled(steps) | {"steps": len(steps)})
                 if phase.fill is None:
