@@ -13,7 +13,7 @@ that of the water: the farthest particle that has two others within 1.5 spacings
 reported beside it.
 
 How the tip breaks up is chaos: starts that differ by a millionth of a spacing end with fronts 5 to 10 % apart. So the
-column collapses several times, and the front is the mean.
+column collapses several times, and the front is the mean: that of 16 runs, which scatter by 6 %, is known to 1.5 %.
 """
 import dataclasses
 
@@ -62,7 +62,7 @@ class Parameters(TankParameters):
     tolerance: float = parameter(0.05, exclusive_minimum=0.0, meaning="allowed relative error of the front's speed")
     air: float = parameter(0.0, minimum=0.0, maximum=1.0,
                            meaning="density of what is around the column over that of water; 0: nothing is around it")
-    repeats: int = parameter(8, minimum=1, meaning="runs at every resolution, over which the front is averaged")
+    repeats: int = parameter(16, minimum=1, meaning="runs at every resolution, over which the front is averaged")
 
 
 def run(case: Parameters) -> Outcome:
