@@ -30,7 +30,7 @@ PROBE_SECONDS, REHEARSAL_SECONDS = 80.0, 60.0
 # Particles of a rehearsal: a share of those of the scene, as splashes are faster the finer they are resolved, but
 # enough that liquids fall and meet as more of them do, and few enough for its time.
 REHEARSED, FEWEST_REHEARSED, MOST_REHEARSED = 0.25, 1000, 4000
-APART = 1.2  # ratio of the spacings of two rehearsals, below which they tell nothing of how splashes change with it
+LEAST_SPACING_RATIO = 1.2  # of two rehearsals, below which they tell nothing of how splashes change with the spacing
 FRAMES, SHORT = 5, 10.0  # frames of the second run of a stage; s of all cores, above which one run will do
 STAGES = ("reconstruct", "render", "metrics")
 
@@ -174,7 +174,7 @@ def rehearsal_spacings(scene: Scene, particles: int) -> list[float]:
     for number in (most, FEWEST_REHEARSED):
         wanted = spacing * (particles / number) ** (1.0 / scene.dimension)
         found.append(max(spacing, min([wanted, *(0.25 * side for side in sides), *(0.5 * thin for thin in funnels)])))
-    return found if found[-1] > APART * found[0] else found[:1]
+    return found if found[-1] > LEAST_SPACING_RATIO * found[0] else found[:1]
 
 
 def coarser(scene: Scene, spacing: float) -> Scene:

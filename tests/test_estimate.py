@@ -160,7 +160,7 @@ def test_probe_takes_steps_of_the_scene(box, probed):
 
 def test_short_steps_are_taken_for_longer_than_a_moment(probed):
     phase, = probed["phases"]
-    assert phase["steps"] * phase["cpu"] > 0.5 * SHORTEST / os.cpu_count()
+    assert phase["steps"] * phase["cpu"] > 0.5 * SHORTEST  # 90 steps take 0.9 s
 
 
 def test_phases_of_liquids_left_as_they_are_go_on_from_one_another(box, taichi, tmp_path, monkeypatch):

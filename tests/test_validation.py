@@ -257,7 +257,7 @@ def test_front_of_a_dam_break_runs_as_measured(scheme):
     assert speed == pytest.approx(dam_break.front_speed(*dam_break.WIDE.T, dam_break.STEADY), rel=off)
     # The two starts differ by a millionth of a spacing, and so do their fronts until the tip breaks up.
     scatter, = values(outcome, "standard deviation of this speed between single runs")
-    assert 0.0 < scatter < 0.3
+    assert 0.0 < scatter < 0.1
 
 
 @pytest.mark.usefixtures("taichi")

@@ -35,7 +35,7 @@ STEADY = (5.0, 9.25)  # tau
 EARLY = (2.0, 5.0)
 AVERAGED = 0.1  # tau to either side of an instant of the experiment: the front advances particle by particle
 TOUCH = 1.5  # particles within this many spacings hang together
-APART = 1e-6  # spacings by which the starts of repeated runs differ
+PERTURBATION = 1e-6  # spacings by which the starts of repeated runs differ
 PER_TIME = np.sqrt(2.0 * GRAVITY / WIDTH)  # tau over t, 1/s
 TAU = np.arange(0.0, STEADY[1], 0.01)  # where the fronts of several runs are averaged
 FRICTIONLESS = 2.0  # dZ/dtau of shallow water on a dry floor (Ritter), 2 sqrt(g 2a)
@@ -71,12 +71,12 @@ def run(case: Parameters) -> Outcome:
     for index, resolution in enumerate(case.resolutions):
         results = [_collapse(case, resolution, repeat) for repeat in range(case.repeats)]
         outcome.remarks += [remark for result in results for remark in result.remarks(_name(case))]
-        whole = [result for result in results if not result.failure]
+        courses = [_course(result) for result in results if not result.failure]
         # A mean of what is left would hide that some runs have failed.
-        course = np.mean([_course(result) for result in whole], axis=0) if len(whole) == case.repeats else None
+        course = np.mean(courses, axis=0) if len(courses) == case.repeats else None
         common = {"at": results[0].label, "wall_s": sum(result.wall_s for result in results)}
         early, speed, outside, spray = [np.nan] * 4 if course is None else _measured(*course)
-        single = [front_speed(TAU, _course(result)[0], STEADY) for result in whole]
+        single = [front_speed(TAU, front, STEADY) for front, _ in courses]
         row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
                        case.tolerance if index > 0 else None, **common)
         errors.append(row.error)
@@ -144,7 +144,7 @@ def _collapse(case: Parameters, resolution: int, repeat: int) -> Run:
     arrays = cavity("box", size, spacing, support_ratio=case.support_ratio)
     if repeat:
         apart = np.random.default_rng(repeat).uniform(-1.0, 1.0, arrays["fluid_position"].shape)
-        arrays["fluid_position"] = arrays["fluid_position"] + APART * spacing * apart
+        arrays["fluid_position"] = arrays["fluid_position"] + PERTURBATION * spacing * apart
     left, floor = -0.5 * size[0], -0.5 * size[1]
 
     def column(x: np.ndarray) -> np.ndarray:
