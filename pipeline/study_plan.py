@@ -190,10 +190,14 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
 
 
 def _telling_fields(parameters: type, cases: list) -> list[str]:
-    """Fields that tell cases of one family from each other, as few as needed: scheme, its own ones, inherited ones."""
-    own = ("scheme", *vars(parameters)["__annotations__"])
+    """Fields that tell cases of one family from each other, as few as needed: scheme, its own ones, inherited ones.
+
+    Those in `UNNAMED` of the family's parameters never do: how long a case runs is not what it is.
+    """
+    own, unnamed = ("scheme", *vars(parameters)["__annotations__"]), getattr(parameters, "UNNAMED", ())
     telling, known = [], 1
-    for field in sorted(dataclasses.fields(parameters), key=lambda one: one.name not in own):
+    named = [field for field in dataclasses.fields(parameters) if field.name not in unnamed]
+    for field in sorted(named, key=lambda one: one.name not in own):
         groups = {tuple(getattr(one, name) for name in (*telling, field.name)) for one in cases}
         if len(groups) > known and not _is_list(field.type):
             telling.append(field.name)

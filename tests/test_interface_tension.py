@@ -126,6 +126,25 @@ def test_force_of_the_jump_is_its_gradient_and_no_thin_shell(dimension):
     assert 0.3 < -(gradient[core] @ body).mean() / scale**2 < 2.0
 
 
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_tension_leaves_a_small_drop_its_buoyancy(dimension):
+    """The sum of the tension over a drop is zero: an interface drawn in, or M flattened, would take from its buoyancy.
+
+    From a drop of four spacings it took 8.9 % in 2D and 11.9 % in 3D; now 0.6 % and 0.4 %. The tension is weak against
+    the buoyancy (Bond 10), so that the noise of the curvature does not count.
+    """
+    radius, difference = 4.0 * SPACING, 35.0
+    weak = difference * 9.81 * radius**2 / 10.0
+    solver = cavities.build(
+        cavities.cavity("circle", 8.0 * SPACING, dimension), phase=lambda x: np.linalg.norm(x, axis=1) < radius,
+        liquids=(LIQUIDS[0], Liquid("light", 1000.0 - difference, 0.1)),
+        effects=(cavities.parameters("interface_tension", coefficient=weak), cavities.parameters("gravity")))
+    solver.prepare_output()
+    force, weight, volume, phase = cavities.read(solver, "jump_force", "jump_weight", "volume", "phase")
+    buoyancy = difference * 9.81 * volume[phase == 1].sum()
+    assert np.linalg.norm(((volume * weight)[:, None] * force).sum(axis=0)) < 0.01 * buoyancy
+
+
 def test_a_drop_of_one_particle_rises(circle):
     """Smaller than the level set can see: it has its buoyancy, 0.34 m/s2, as without tension (2.4 mm in 0.3 s)."""
     effects = (cavities.parameters("gravity"), cavities.parameters("interface_tension", coefficient=0.04))
@@ -210,8 +229,8 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
 def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosity():
     """As in small steps all the way, and it keeps the pressure jump of Laplace: rough labels of the start smooth out.
 
-    In steps of 3.6, 2 and 0.5 ms the speeds are 3.5e-4, 3.7e-4 and 3.7e-4 m/s after 0.1 s, 1.95e-4, 1.90e-4 and 1.87e-4
-    m/s at the end. With a pressure that does not follow viscosity within the step they are 3.1e-4 and 2.2e-4 in the
+    In steps of 3.6, 2 and 0.5 ms the speeds are 4.0e-4, 4.1e-4 and 4.2e-4 m/s after 0.1 s, 1.03e-4, 1.04e-4 and 1.05e-4
+    m/s at the end. With a pressure that does not follow viscosity within the step they are 3.5e-4 and 1.17e-4 in the
     largest.
     """
     liquids = (Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 1000.0, 1.0))
@@ -231,6 +250,6 @@ def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosi
     _, fine_time, fine_speed = run(2e-3)
     for at in (0.05, 0.1, 0.2, 0.4, 0.8):
         assert np.interp(at, time, speed) == pytest.approx(np.interp(at, fine_time, fine_speed), rel=0.05)
-    assert speed[-1] == pytest.approx(1.87e-4, rel=0.06)
+    assert speed[-1] == pytest.approx(1.05e-4, rel=0.06)
     falling = speed[speed.argmax():]
     assert falling[-1] < 0.4 * falling[0] and (np.diff(speed[-30:]) < 0.0).all()

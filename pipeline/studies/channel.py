@@ -8,6 +8,7 @@ keep their places: what is measured is the viscous force itself on particles pac
 the noise that the pressure solve adds.
 """
 import dataclasses
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ FIGURES = (
 @dataclasses.dataclass(frozen=True)
 class Parameters(TankParameters):
     """A viscous layer below a thin one; resolutions count particles across one layer."""
+
+    UNNAMED: ClassVar = ("times", "steps")
 
     ratio: float = parameter(1.0, minimum=1.0, meaning="viscosity of the lower liquid over that of the upper one")
     viscosity: str = parameter("implicit", choices=("implicit", "explicit"), meaning="time integration of the forces")

@@ -7,7 +7,9 @@ function M_P = sigma kappa_P - b.x_P, extended smoothly off the interface,
 
 The first term on the right is a pressure: it is left out of the solve and added back on output. What remains,
 -H grad M, vanishes at equilibrium for any disordered particle set, so spurious currents decay. The effect adds
--V_i H_i (grad M + b) to the buoyancy c b that `gravity` gives.
+-V_i H_i (grad M + b) to the buoyancy c b that `gravity` gives. Its sum over a drop is zero as far as M, extended, is
+still M_P at the interface, and as the zero of the level set is where the particles change their color. The extension
+is a mean and flattens M; so the points carry 2 M less the mean of M there (twicing: Tukey 1977).
 
 Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
 and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
@@ -137,6 +139,8 @@ class InterfaceTension(Effect):
                                 "the liquids are mixed down to single particles")
         self._sort_points()
         self._group_points()
+        self._sharpen()
+        self._group_points()
         self._extend()
 
     @ti.kernel
@@ -261,9 +265,58 @@ class InterfaceTension(Effect):
                 near = near or (x - self.sorted_point[p]).norm_sqr() < (SEEN * self.spacing) ** 2
         return near
 
+    @ti.func
+    def _extended(self, x):
+        """M less its mean, and grad M: weighted mean of the interface points, the far ones in groups."""
+        weight = 1e-12 * self.spacing ** (self.dimension - 1)  # of the mean M, for liquid without an interface
+        value = 0.0
+        weight_gradient = x * 0.0
+        value_gradient = x * 0.0
+        c = self._bin(x)
+        for k in range(3 ** (self.dimension - 1)):
+            middle = self._bin_row(c, k)
+            for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
+                away = x - self.sorted_point[p]
+                s = 1.0 - away.norm_sqr() / self.radius**2
+                if s > 0.0:
+                    s2 = s * s
+                    s7 = s2 * s2 * s2 * s
+                    w = self.sorted_area[p] * s7 * s
+                    g = (-2.0 * EXTENSION_POWER / self.radius**2 * self.sorted_area[p] * s7) * away
+                    jump = self.sorted_jump[p] - self.mean_jump[None]
+                    weight += w
+                    value += w * jump
+                    weight_gradient += g
+                    value_gradient += g * jump
+        tail = (TAIL_LENGTH * self.spacing) ** 2
+        for p in range(self.group_count[None]):
+            away = x - self.group_center[p]
+            r2 = away.norm_sqr()
+            s = ti.max(1.0 - r2 / self.radius**2, 0.0)
+            u = tail / (tail + r2)
+            w = self.group_area[p] * u**self.dimension * (1.0 - s * s)
+            slope = self.group_area[p] * u**self.dimension * (
+                4.0 * s / self.radius**2 - 2.0 * self.dimension / (tail + r2) * (1.0 - s * s))
+            jump = self.group_jump[p] - self.mean_jump[None]
+            weight += w
+            value += w * jump
+            weight_gradient += slope * away
+            value_gradient += slope * jump * away
+        value /= weight
+        return value, (value_gradient - value * weight_gradient) / weight
+
+    @ti.kernel
+    def _sharpen(self):
+        """Add to M at the points what the extension would take from it: 7 % of the buoyancy of a drop of 4 dx."""
+        for p in range(self.point_count[None]):
+            value, _ = self._extended(self.sorted_point[p])
+            self.point_jump[p] = 2.0 * self.sorted_jump[p] - (value + self.mean_jump[None])
+        for p in range(self.point_count[None]):
+            self.sorted_jump[p] = self.point_jump[p]
+
     @ti.kernel
     def _extend(self):
-        """M and grad M at the particles: weighted mean of the interface points, the far ones in groups."""
+        """M and grad M at the particles."""
         for i in range(self.count[None]):
             x = self.particles.position[i]
             h = self.particles.color[i]
@@ -277,44 +330,11 @@ class InterfaceTension(Effect):
                 if side != h and (ti.abs(phi) > self.spacing or not self._near_interface(x)):
                     h = side
             self.particles.jump_weight[i] = h
-            weight = 1e-12 * self.spacing ** (self.dimension - 1)  # of the mean M, for liquid without an interface
-            value = 0.0
-            weight_gradient = x * 0.0
-            value_gradient = x * 0.0
+            value, slope = 0.0, x * 0.0
             if h > 0.0:
-                c = self._bin(x)
-                for k in range(3 ** (self.dimension - 1)):
-                    middle = self._bin_row(c, k)
-                    for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
-                        away = x - self.sorted_point[p]
-                        s = 1.0 - away.norm_sqr() / self.radius**2
-                        if s > 0.0:
-                            s2 = s * s
-                            s7 = s2 * s2 * s2 * s
-                            w = self.sorted_area[p] * s7 * s
-                            g = (-2.0 * EXTENSION_POWER / self.radius**2 * self.sorted_area[p] * s7) * away
-                            jump = self.sorted_jump[p] - self.mean_jump[None]
-                            weight += w
-                            value += w * jump
-                            weight_gradient += g
-                            value_gradient += g * jump
-                tail = (TAIL_LENGTH * self.spacing) ** 2
-                for p in range(self.group_count[None]):
-                    away = x - self.group_center[p]
-                    r2 = away.norm_sqr()
-                    s = ti.max(1.0 - r2 / self.radius**2, 0.0)
-                    u = tail / (tail + r2)
-                    w = self.group_area[p] * u**self.dimension * (1.0 - s * s)
-                    slope = self.group_area[p] * u**self.dimension * (
-                        4.0 * s / self.radius**2 - 2.0 * self.dimension / (tail + r2) * (1.0 - s * s))
-                    jump = self.group_jump[p] - self.mean_jump[None]
-                    weight += w
-                    value += w * jump
-                    weight_gradient += slope * away
-                    value_gradient += slope * jump * away
-            m = value / weight
-            self.particles.jump[i] = m + self.mean_jump[None]
-            self.particles.jump_force[i] = (value_gradient - m * weight_gradient) / weight + self.body_force[None]
+                value, slope = self._extended(x)
+            self.particles.jump[i] = value + self.mean_jump[None]
+            self.particles.jump_force[i] = slope + self.body_force[None]
 
     @ti.func
     def body_acceleration(self, i):
