@@ -5,11 +5,12 @@ function M_P = sigma kappa_P - b.x_P, extended smoothly off the interface,
 
     sigma kappa grad c + c b = grad(c (M + b.x)) - c grad M .
 
-The first term on the right is a pressure: it is left out of the solve and added back on output. What remains,
--H grad M, vanishes at equilibrium for any disordered particle set, so spurious currents decay. The effect adds
--V_i H_i (grad M + b) to the buoyancy c b that `gravity` gives. Its sum over a drop is zero as far as M, extended, is
-still M_P at the interface, and as the zero of the level set is where the particles change their color. The extension
-is a mean and flattens M; so the points carry 2 M less the mean of M there (twicing: Tukey 1977).
+The first term on the right is a pressure: it is left out of the solve and added back on output. What remains, -H grad
+M, vanishes at equilibrium for any disordered particle set, so spurious currents decay. The effect adds -V_i H_i (grad M
++ b) to the buoyancy c b that `gravity` gives. Its sum over a drop is zero as far as the points lie where the particles
+change their color, and as M, extended, is still M_P there. So the points of the level set, which smoothing has drawn
+in, are moved out; and they carry 2 M less the mean of M around them, since the mean that extends M flattens it
+(twicing: Tukey 1977).
 
 Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
 and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
@@ -24,7 +25,7 @@ import taichi as ti
 from sim.effects.effect import Effect
 from sim.errors import OutOfRoom
 from sim.fields import Field
-from sim.level_set import LevelSet
+from sim.level_set import DRAWN_IN, LevelSet
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -184,8 +185,13 @@ class InterfaceTension(Effect):
                             x[e] += (rest // self.level_set.steps[e]) * self.grid.cell
                             rest = rest % self.level_set.steps[e]
                         kappa = (1.0 - t) * self.level_set.curvature[n] + t * self.level_set.curvature[m]
+                        # The surface parallel to this one, as far out as smoothing has drawn it in.
+                        out = DRAWN_IN * self.spacing**2 * kappa
+                        wider = 1.0 + out * kappa / (self.dimension - 1)
+                        x -= out / length * g
+                        kappa /= wider
                         if total < self.capacity:
-                            a = ti.abs(g[d]) / length * self.grid.cell ** (self.dimension - 1)
+                            a = ti.abs(g[d]) / length * (wider * self.grid.cell) ** (self.dimension - 1)
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
                                 kappa *= near + t * (far - near)  # exactly 1 at a sharp interface
