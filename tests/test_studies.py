@@ -88,6 +88,14 @@ def test_cases_are_all_combinations_named_by_what_differs(write):
     assert study.cases["taylor_green-5"].parameters.resolutions == (10, 12)
 
 
+def test_how_long_a_case_runs_is_not_in_its_name(write):
+    write("cases: {channel: [{support_ratio: 3.0}, {support_ratio: 2.5, times: 16, steps: 160}]}")
+    assert list(load_study("small").cases) == ["channel-3", "channel-2.5"]
+    write("cases: {channel: [{}, {times: 16}]}")
+    with pytest.raises(UserError, match="declares the case channel twice"):
+        load_study("small")
+
+
 @pytest.mark.parametrize(("text", "sentence"), [
     ("cases: {}", "cases is empty, but must name at least one of"),
     ("cases: {taylor_gren: {}}", "did you mean taylor_green"),
