@@ -18,7 +18,7 @@ REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
 NARROWEST_SLAB = 24  # nodes along the last axis that one thread splats to: particles near its ends are taken twice
 DRAWN_IN = 0.36  # splatting and smoothing draw the interface in by 0.36 kappa dx^2: measured on packed spheres of 3 and
-# 4 dx and circles of 4 to 10 dx; a drop of 4 dx has 13 % less volume so
+# 4 dx and circles of 4 to 10 dx; a drop of 4 dx loses 13 % of its volume
 FAR = 4.0  # |phi| outside the band, in particle spacings
 
 
