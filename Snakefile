@@ -339,7 +339,7 @@ rule without_level:
     output:
         "outputs/{scene}/{rest}",
     wildcard_constraints:
-        scene=r"(?!studies/)[A-Za-z0-9_-]+",
+        scene=r"(?!studies/)[A-Za-z0-9_-]+|studies/[A-Za-z0-9_]+",
         rest=rf"(?!({flow.any_level})/|compare_({flow.any_level})_({flow.any_level})\.(html|png|csv)$).+",
 
 

@@ -1,7 +1,8 @@
 """The error to expect of a scene: that of the accuracy study, carried over to its spacing by the observed order.
 
 The study takes minutes and its errors are those of the method, not of the computer: until it is run here, those that
-the project came with count. ``cp outputs/studies/accuracy/orders.csv config/expected_errors.csv`` renews these.
+the project came with count. ``cp outputs/studies/accuracy/draft/orders.csv config/expected_errors.csv`` renews
+these.
 """
 import csv
 import dataclasses
@@ -11,7 +12,7 @@ from pathlib import Path
 from pipeline.scene import PROJECT_CONFIG
 from pipeline.scene_model import Scene
 
-ORDERS = Path("outputs/studies/accuracy/orders.csv")
+ORDERS = Path("outputs/studies/accuracy/draft/orders.csv")
 SHIPPED = PROJECT_CONFIG / "expected_errors.csv"
 LEAST_ORDER = 0.5  # below, the error scatters more than it falls
 COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "error", "order")

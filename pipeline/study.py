@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--case", help="run this case only (default: all, then table and figures)")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
     p.add_argument("--output", type=Path, metavar="DIR",
-                   help="folder to write (default outputs/studies/<study>, of a case cases/<case> in it)")
+                   help="folder to write (default outputs/studies/<study>/<level>, of a case cases/<case> in it)")
     p.add_argument("--threads", type=int, default=0, metavar="N",
                    help="threads of the solver (default 0: as many as are useful)")
     p.add_argument("--list", action="store_true", help="print the names of the cases and stop")
@@ -60,7 +60,7 @@ def main() -> None:
     if arguments.list:
         print("\n".join(study.cases))
         return
-    folder = OUTPUTS / study.name
+    folder = OUTPUTS / study.name / study.accuracy
     if arguments.case:
         target = arguments.output or folder / "cases" / arguments.case
         _run_into(study.case(arguments.case), target, threads)

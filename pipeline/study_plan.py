@@ -13,6 +13,7 @@ from pipeline.digest import call_digest
 from pipeline.errors import UserError
 from pipeline.scene import PROJECT_CONFIG, load_scene
 from pipeline.scene_files import read_yaml
+from pipeline.scene_model import Scene
 from pipeline.scene_reader import Errors, Reader, describe, nearest
 from pipeline.study_model import Outcome
 
@@ -26,7 +27,7 @@ REPORTS = ("curves", "tradeoff")  # figures of the families, or `pipeline.tradeo
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of the scenes it reads."""
+    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of its scenes."""
 
     name: str
     family: types.ModuleType
@@ -39,9 +40,16 @@ class Case:
         return {name: OUTPUTS / name / self.accuracy for name in names}
 
     def run(self) -> Outcome:
-        """Run the case; a family with ``scenes`` gets the folders of their results too."""
-        folders = self.folders()
-        return self.family.run(self.parameters, folders) if folders else self.family.run(self.parameters)
+        """Run the case; a family with ``scenes`` gets the folders of their results too, one with ``solves`` a scene."""
+        given = [*([self.folders()] if self.folders() else []), *self.solved()]
+        return self.family.run(self.parameters, *given)
+
+    def solved(self) -> list[Scene]:
+        """The scene that the family solves by itself, if it does."""
+        if not hasattr(self.family, "solves"):
+            return []
+        name = self.family.solves(self.parameters)
+        return [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", self.accuracy)]
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -51,8 +59,7 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        solved = self.family.solves(self.parameters) if hasattr(self.family, "solves") else ()
-        scenes = [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", "draft").to_json() for name in solved]
+        scenes = [scene.to_json() for scene in self.solved()]
         return call_digest(self.family.__name__, chosen, [dataclasses.asdict(self.parameters), *scenes])
 
 

@@ -19,6 +19,7 @@ from pipeline.scene import load_accuracy_levels, load_scene
 from pipeline.scene_model import Scene
 from pipeline.scene_reader import describe as shown
 from pipeline.scene_reader import nearest
+from pipeline.study_plan import study_names
 from pipeline.threads import chosen_threads, solver_threads
 
 SCENES = Path("config/scenes")
@@ -135,15 +136,23 @@ class Workflow:
         return files
 
     def refuse(self, name: str, rest: str) -> NoReturn:
-        """End Snakemake with the path to ask for: a file of a scene was asked for without an accuracy level."""
-        self.scene(name, self.accuracy)  # an unknown scene has a sentence of its own
+        """End Snakemake with the path to ask for: a file was asked for without an accuracy level.
+
+        name : of a scene, or studies/<study>.
+        """
+        study = name.removeprefix("studies/")
+        if study == name:
+            self.scene(name, self.accuracy)  # an unknown scene has a sentence of its own
+        elif study not in study_names():
+            stop(f'{OUTPUTS}/{name}: no study is called "{study}"{nearest(study, study_names())}')
+        file = "movie.mp4" if study == name else "table.html"
         folder, levels = f"{OUTPUTS}/{name}", ", ".join(self.levels)
         first, _, after = rest.partition("/")
         meant = nearest(first, self.levels) if after else ""
         if first.startswith("compare_"):
             stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
         if rest in self.levels:
-            stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/movie.mp4")
+            stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/{file}")
         if meant:
             stop(f'{folder}/{rest}: no accuracy level is called "{first}"{meant}; there are {levels}')
         stop(f"{folder}/{rest}: every accuracy level has a folder of its own ({levels}); ask for "

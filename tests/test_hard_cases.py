@@ -5,6 +5,7 @@ import cavities
 import numpy as np
 import pytest
 import taichi as ti
+from conftest import ROOT
 
 from pipeline import hard_cases as hard
 from pipeline.errors import UserError
@@ -157,8 +158,15 @@ def test_fast_liquid_takes_small_steps_and_says_so_once(tanks, scene, tmp_path, 
 
 # In the eye itself; the study `hard_eye_study` runs them for longer and at full size.
 
+def eye_scene(name):
+    """Return a scene of the eye with 2 mm between particles."""
+    scene = load_scene(ROOT / "config" / "scenes" / f"{name}.yaml", "draft")
+    return dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, particle_spacing=2e-3))
+
+
 def test_eye_is_changed_as_the_case_says():
-    scene = hard_eye.changed_scene(hard_eye.Parameters(tension_factor=10.0, fill=0.01, viscosity_ratio=7000.0))
+    case = hard_eye.Parameters(tension_factor=10.0, fill=0.01, viscosity_ratio=7000.0)
+    scene = hard_eye.changed(case, eye_scene("resting_eye"))
     thin, oil = scene.liquids
     assert oil.dynamic_viscosity == pytest.approx(7000.0 * thin.dynamic_viscosity)
     assert scene.effects["interface_tension"].coefficient == pytest.approx(0.4)
@@ -166,8 +174,8 @@ def test_eye_is_changed_as_the_case_says():
 
 
 def test_jolted_eye_is_judged_with_its_jolt():
-    case = hard_eye.Parameters(scene="jolted_eye", duration=0.32, spacing=2e-3, support_ratio=2.5)
-    values = {row.quantity: row.value for row in hard_eye.run(case).rows}
+    case = hard_eye.Parameters(scene="jolted_eye", duration=0.32, support_ratio=2.5)
+    values = {row.quantity: row.value for row in hard_eye.run(case, eye_scene("jolted_eye")).rows}
     assert values["verdict"] == hard.OUTCOMES.index(hard.HELD) and values["particles"] > 500
     assert values["time reached"] == pytest.approx(0.32)
     assert 0.03 < values["speed / expected"] < 1.0  # 0.016 before the jolt

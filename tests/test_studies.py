@@ -129,7 +129,7 @@ def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     write(SMALL)
     code, output = project.snakemake("small")
     assert code == 0 and TRACE not in output, output
-    folder = project.folder / "outputs" / "studies" / "small"
+    folder = project.folder / "outputs" / "studies" / "small" / "draft"
     with (folder / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS

@@ -159,8 +159,8 @@ def test_cases_of_a_study_share_the_cores(flow, project):
         "cases: {taylor_green: {reynolds: [5, 10], resolutions: [8]}, determinism: {scheme: wcsph},\n"
         "        oil_shape: {scenes: [tiny], liquids: [silicone_oil_1000]}}\n")
     studies = study_workflow.Studies(flow)
-    given = {case: [studies.threads("small", case, number) for number in (1, 2, 9, 64)]
-             for case in studies.study("small").cases}
+    given = {case: [studies.threads("small", "draft", case, number) for number in (1, 2, 9, 64)]
+             for case in studies.study("small", "draft").cases}
     assert given == {"taylor_green-5": [1, 1, 3, 16], "taylor_green-10": [1, 1, 3, 16], "determinism": [1, 2, 3, 16],
                      "oil_shape": [1, 1, 1, 1]}
 

@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.scene import PROJECT_CONFIG, load_scene
+from pipeline.scene_model import Scene
 from pipeline.study_model import Curve, Figure, Outcome
 from pipeline.study_tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
@@ -28,14 +28,14 @@ class Parameters(TankParameters):
     duration: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 
 
-def solves(case: Parameters) -> tuple[str, ...]:
+def solves(case: Parameters) -> str:
     """The scene of the eye."""
-    return (SCENE,)
+    return SCENE
 
 
-def run(case: Parameters) -> Outcome:
+def run(case: Parameters, scene: Scene) -> Outcome:
     """Watch the height of the aqueous at every resolution."""
-    outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft")
+    outcome = Outcome()
     for resolution in case.resolutions:
         solver = scene_solver(case, scene, WIDTH / resolution)
         result = advance(solver, case.duration, f"n={resolution}", height_of_aqueous)

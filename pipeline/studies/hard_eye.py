@@ -1,4 +1,4 @@
-"""Hard cases in the eye itself, at the size of a real run.
+"""Hard cases in the eye itself, at the size of a real run: spacing and tolerances are those of the study's level.
 
 A scene of the eye is run for a while with one thing changed, and held to the limits of ``pipeline.hard_cases``: turned
 face down and hit, ten times the interface tension, nearly no oil and nearly nothing else, and the widest range of
@@ -9,7 +9,6 @@ import time
 
 from pipeline.errors import UserError
 from pipeline.hard_cases import FAILED, HardCase, Tank, judge
-from pipeline.scene import PROJECT_CONFIG, load_scene
 from pipeline.scene_model import Scene
 from pipeline.study_model import Outcome, Row
 from pipeline.study_tank import TankParameters, scene_solver
@@ -29,17 +28,15 @@ class Parameters(TankParameters):
     viscosity_ratio: float | None = parameter(None, exclusive_minimum=0.0, meaning="viscosity of the oil over that of "
                                               "the aqueous, else that of the liquids")
     duration: float = parameter(0.2, unit="s", exclusive_minimum=0.0, meaning="simulated time")
-    spacing: float = parameter(4e-4, unit="m", exclusive_minimum=0.0, meaning="distance between particles")
 
 
-def solves(case: Parameters) -> tuple[str, ...]:
+def solves(case: Parameters) -> str:
     """The scene of the eye."""
-    return (case.scene,)
+    return case.scene
 
 
-def changed_scene(case: Parameters) -> Scene:
+def changed(case: Parameters, scene: Scene) -> Scene:
     """The scene with what the case changes."""
-    scene = load_scene(PROJECT_CONFIG / "scenes" / f"{case.scene}.yaml", "draft")
     effects = dict(scene.effects)
     if case.tension_factor != 1.0:
         if "interface_tension" not in effects:
@@ -56,17 +53,18 @@ def changed_scene(case: Parameters) -> Scene:
     return dataclasses.replace(scene, effects=effects, liquids=liquids, initial=initial)
 
 
-def run(case: Parameters) -> Outcome:
+def run(case: Parameters, scene: Scene) -> Outcome:
     """Run the scene from its start and judge it."""
-    scene = changed_scene(case)
-    tank = Tank(scene_solver(case, scene, case.spacing))
+    scene = changed(case, scene)
+    spacing = scene.numerics.particle_spacing
+    tank = Tank(scene_solver(case, scene, spacing))
     gravity = scene.effects["gravity"]
 
     def start(tank: Tank) -> None:
         tank.set_gravity(turns=gravity.turns, jolts=gravity.jolts)
 
     begin, cpu_begin = time.perf_counter(), time.process_time()
-    verdict = judge(tank, HardCase(f"{1e3 * case.spacing:g} mm", start, case.duration, works=True))
+    verdict = judge(tank, HardCase(f"{1e3 * spacing:g} mm", start, case.duration, works=True))
     outcome = Outcome(verdict.rows(time.perf_counter() - begin))
     at = f"[{verdict.name}]"
     outcome.rows += [Row("particles", float(tank.solver.count[None]), at=at),

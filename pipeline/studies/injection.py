@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.eye import cavity_mesh
-from pipeline.scene import PROJECT_CONFIG, load_scene
+from pipeline.scene_model import Scene
 from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_tank import Run, TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
@@ -37,14 +37,14 @@ class Parameters(TankParameters):
     duration: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 
 
-def solves(case: Parameters) -> tuple[str, ...]:
+def solves(case: Parameters) -> str:
     """The scene of the eye."""
-    return (case.scene,)
+    return case.scene
 
 
-def run(case: Parameters) -> Outcome:
+def run(case: Parameters, scene: Scene) -> Outcome:
     """Inject at every resolution."""
-    outcome, scene = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{case.scene}.yaml", "draft")
+    outcome = Outcome()
     injection = dataclasses.replace(scene.effects["injection"], flow=case.flow)
     if case.drain_gap is not None:
         pole = float(cavity_mesh(scene.eye)[0].bounds[0, 2])

@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.scene import PROJECT_CONFIG, load_scene
+from pipeline.scene_model import Scene
 from pipeline.studies.eye_rest import EFFECTS as EFFECTS
 from pipeline.studies.eye_rest import SCENE, height_of_aqueous
 from pipeline.study_model import Curve, Figure, Outcome, Row
@@ -23,26 +23,23 @@ FIGURES = (Figure("step_size", "Oil coming to rest in the eye", "time / s", "ris
 class Parameters(TankParameters):
     """The scene with several largest steps; ``resolutions``, ``largest_step`` and ``time_step_factor`` are not used."""
 
-    spacing: float = parameter(4e-4, unit="m", exclusive_minimum=0.0, meaning="distance between particles")
     capillary_steps: tuple[float, ...] = parameter((4.0, 1.0, 0.5), exclusive_minimum=0.0,
                                                    meaning="largest time steps over the capillary limit, downwards")
     duration: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="simulated time")
 
 
-def solves(case: Parameters) -> tuple[str, ...]:
+def solves(case: Parameters) -> str:
     """The scene of the eye."""
-    return (SCENE,)
+    return SCENE
 
 
-def run(case: Parameters) -> Outcome:
+def run(case: Parameters, scene: Scene) -> Outcome:
     """Watch the height of the aqueous with every largest step."""
-    outcome, scene, curves = Outcome(), load_scene(PROJECT_CONFIG / "scenes" / f"{SCENE}.yaml", "draft"), {}
+    outcome, curves = Outcome(), {}
+    limit = capillary_limit(scene.effects["interface_tension"].coefficient, scene.settings())
     for factor in case.capillary_steps:
-        numerics = dataclasses.replace(scene.numerics, particle_spacing=case.spacing)
-        limit = capillary_limit(scene.effects["interface_tension"].coefficient,
-                                dataclasses.replace(scene, numerics=numerics).settings())
-        numerics = dataclasses.replace(numerics, maximum_time_step=factor * limit)
-        solver = scene_solver(case, dataclasses.replace(scene, numerics=numerics), case.spacing)
+        numerics = dataclasses.replace(scene.numerics, maximum_time_step=factor * limit)
+        solver = scene_solver(case, dataclasses.replace(scene, numerics=numerics), numerics.particle_spacing)
         result = advance(solver, case.duration, f"[{factor:g} capillary limits]", height_of_aqueous)
         outcome.rows += [*result.rows(), Row("capillary limit", limit, "s", at=result.label)]
         outcome.remarks += result.remarks("eye at rest")
