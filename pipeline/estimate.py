@@ -4,8 +4,8 @@
     python -m pipeline.estimate config/scenes/tamponade.yaml --accuracy all      at every level, one column each
 
 A few steps of the very scene are taken in each of its phases, and a few frames of the stages that follow are made: in
-seconds to two minutes for every level, once; outputs/measurements keeps what was measured until the code, the computer
-or the scene changes. Times are of this computer with nothing else running.
+seconds to three minutes for every level, once; outputs/measurements keeps what was measured until the code, the
+computer or the scene changes. Times are of this computer with nothing else running.
 """
 import argparse
 import dataclasses
@@ -23,7 +23,7 @@ from pipeline.measurement import measured
 from pipeline.metrics_table import STYLE
 from pipeline.prediction import Prediction, predict
 from pipeline.scene import PROJECT_CONFIG, Scene, load_accuracy_levels, load_resolved, load_scene
-from pipeline.threads import solver_threads
+from pipeline.threads import checked_threads, solver_threads
 from sim.cores import available_cores
 
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
@@ -151,7 +151,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cores = available_cores() if options.cores is None else options.cores
     if cores < 1:
         raise UserError(f"--cores is {cores}, but must be at least 1")
-    scenes = [with_threads(scene, cores) for scene in scenes_of(options.scene, options.accuracy)]
+    scenes = scenes_of(options.scene, options.accuracy)
+    for scene in scenes:
+        checked_threads(scene.numerics.threads, f"{options.scene}: numerics.threads")
+    scenes = [with_threads(scene, cores) for scene in scenes]
     if options.made and len(scenes) > 1:
         raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
     folder = SCENES if options.scene.suffix == ".json" else options.scene.parent

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from sim.memory import needed_bytes
+from sim.neighbor_rows import HEAD_ROOM
 from sim.settings import Settings
 
 FILLING = 120.0  # bytes per node of the grid of the signed distance while a cavity is filled
@@ -34,13 +35,15 @@ def _number(path: Path) -> float:
         return math.inf
 
 
-def too_large(settings: Settings, volume: float, box: float | None = None, *, particles: int | None = None) -> str:
+def too_large(settings: Settings, volume: float, box: float | None = None, particles: int | None = None,
+              head_room: float = HEAD_ROOM) -> str:
     """Return why a scene does not fit into memory, after the words "particle_spacing"; empty where it does.
 
     Parameters
     ----------
-    volume : of liquid, m^3 (in two dimensions m^2). box : of a container around it.
+    volume : of liquid, m^3 (in two dimensions m^2). box : of the grid around it.
     particles : number of liquid particles, where it is known; else it follows from the volume.
+    head_room : of the solver.
     """
     dimension, spacing = settings.dimension, settings.numerics.particle_spacing
     have = memory_of_computer()
@@ -50,7 +53,7 @@ def too_large(settings: Settings, volume: float, box: float | None = None, *, pa
 
     def needed(width: float, count: float) -> float:
         nodes = box and spacings(box, width / NODES)
-        return max(needed_bytes(settings, count, nodes=nodes), FILLING * (nodes or 0.0))
+        return max(needed_bytes(settings, count, nodes=nodes, head_room=head_room), FILLING * (nodes or 0.0))
 
     count = spacings(volume, spacing) if particles is None else particles
     need = needed(spacing, count)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.fill import fill_at_start
 from pipeline.scene import load_scene
 from pipeline.scene_model import Initial, Scene
 from pipeline.simulate import initial_phases
@@ -47,7 +48,7 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = Fa
     if not scene.closed:
         return [Phase("start", 0.0, duration)]
     injection, gravity = scene.effects.get("injection"), scene.effects.get("gravity")
-    fill = fill_at_start(scene, folder)
+    fill = fill_at_start(scene, lambda name: load_scene(folder / f"{name}.yaml", scene.accuracy))
     spans = [("turn", one.start, one.start + one.duration) for one in (gravity.turns if gravity else ())]
     spans += [("jolt", one.start, one.start + one.duration) for one in (gravity.jolts if gravity else ())]
     if injection and fill:
@@ -65,24 +66,6 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = Fa
                 injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved})
         found.append(phase)
     return found
-
-
-def fill_at_start(scene: Scene, folder: Path) -> dict[str, float] | None:
-    """Return the share of the cavity that each liquid holds at the start; None for blocks.
-
-    Where a scene starts from another one it is what that one ends with, unmixed.
-    """
-    if scene.blocks:
-        return None
-    if scene.start_from is not None:
-        before = load_scene(folder / f"{scene.start_from}.yaml", scene.accuracy)
-        fill, injection = fill_at_start(before, folder), before.effects.get("injection")
-        if fill and injection:
-            moved = max(0.0, injection.fill - fill.get(injection.liquid, 0.0))
-            fill = fill | {injection.liquid: fill.get(injection.liquid, 0.0) + moved,
-                           injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved}
-        return fill
-    return scene.initial.fill or {scene.initial.liquid or scene.liquids[0].name: 1.0}
 
 
 def state_in(scene: Scene, solver, start: dict, phase: Phase) -> dict:

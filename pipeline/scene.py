@@ -11,6 +11,7 @@ from typing import Any
 from pipeline.cli import run
 from pipeline.errors import UserError
 from pipeline.files import write_text
+from pipeline.fill import fill_at_end
 from pipeline.materials import load_materials, read_liquids
 from pipeline.scene_checks import check, check_start
 from pipeline.scene_files import read_extended, read_yaml, sibling
@@ -143,7 +144,8 @@ class _Resolver:
         except UserError as error:
             errors.messages.extend(error.messages)
             return
-        for key, message in check_start(parts, start):
+        fill = fill_at_end(start, lambda name: self.resolve(path.with_name(f"{name}.yaml"), chain))
+        for key, message in check_start(parts, start, fill):
             errors.add(key, message)
 
 

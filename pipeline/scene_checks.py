@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline import container_checks
 from pipeline.eye_shape import eye_shape
-from pipeline.scene_model import Container, Eye, Initial, Material, Output, Scene
+from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
 from sim.effects import REGISTRY
 from sim.settings import Numerics
@@ -77,8 +77,14 @@ def _box_in_words(container: Container | None) -> str:
     return "no container" if container is None else f"{' x '.join(f'{side:g}' for side in container.size)} m"
 
 
-def check_start(parts: Mapping[str, object], start: Scene) -> Found:
-    """Yield the errors of a scene that cannot start from the last checkpoint of ``start``."""
+def check_start(parts: Mapping[str, object], start: Scene, fill: Mapping[str, float] | None) -> Found:
+    """Yield the errors of a scene that cannot start from the last checkpoint of ``start``.
+
+    fill : share of the cavity that each liquid holds at the end of it, where that is known.
+    """
+    if fill is not None and "effects" in parts:
+        with contextlib.suppress(NotRead):
+            yield from _leaves_enough(parts["effects"], fill)
     for key, shown in _SAME_AS_START.items():
         with contextlib.suppress(NotRead, KeyError):
             found, expected = shown(parts), shown(vars(start))
@@ -225,23 +231,38 @@ def _injection_starts_in_time(effects: dict, output: Output) -> Found:
 
 
 @_check
-def _injection_has_room(initial: Initial, effects: dict, start_from: str | None) -> Found:
-    injection = effects.get("injection")
-    if not injection or start_from is not None:
-        return
-    if initial.fill is None and initial.liquid is None:
+def _injection_has_room(initial: Initial, effects: dict, start_from: str | None, container: Container | None,
+                        blocks: tuple[Block, ...]) -> Found:
+    if start_from is not None or (initial.fill is None and initial.liquid is None):
         return
     fill = initial.fill if initial.fill is not None else {initial.liquid: 1.0}
-    present, leaving = fill.get(injection.liquid, 0.0), fill.get(injection.drained_liquid, 0.0)
-    if present >= injection.fill:
+    if blocks:  # what some take from others only the particles tell, when the run begins
+        if container is None or initial.fill is not None or any(block.replaces for block in blocks):
+            return
+        for block in blocks:
+            share = block.volume / math.prod(container.size)
+            fill[initial.liquid] -= share
+            fill[block.liquid] = fill.get(block.liquid, 0.0) + share
+    injection = effects.get("injection")
+    if injection and fill.get(injection.liquid, 0.0) >= injection.fill:
         yield (("effects", "injection", "fill"),
-               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * present:g} % of the cavity at the "
-               "start")
-    elif injection.fill > present + leaving - LEAST_LEFT + 1e-9:
+               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * fill[injection.liquid]:g} % of the "
+               "cavity at the start")
+    else:
+        yield from _leaves_enough(effects, fill)
+
+
+def _leaves_enough(effects: Mapping, fill: Mapping[str, float]) -> Found:
+    """What speaks against the fill of an injection where liquids hold these shares of the cavity at the start."""
+    injection = effects.get("injection")
+    if not injection:
+        return
+    leaving = fill.get(injection.drained_liquid, 0.0)
+    most = fill.get(injection.liquid, 0.0) + leaving - LEAST_LEFT
+    if injection.fill > most + 1e-9:
         yield (("effects", "injection", "fill"),
-               f"is {100 * injection.fill:g} %, which drains all {injection.drained_liquid} "
-               f"({100 * leaving:g} % of the cavity at the start), but must be at most "
-               f"{100 * (present + leaving - LEAST_LEFT):g} %")
+               f"is {100 * injection.fill:g} %, which drains all {injection.drained_liquid} ({100 * leaving:g} % of "
+               f"the cavity at the start), but must be at most {100 * most:g} %")
 
 
 @_check

@@ -143,6 +143,7 @@ class Runner:
     ----------
     solver : the present one; None builds it.
     rebuild : ``rebuild(head_room)`` returns the solver at t = 0; without it a full solver ends the run.
+    too_large : ``too_large(head_room)`` returns why that does not fit into memory, empty where it does.
 
     Raises
     ------
@@ -150,11 +151,12 @@ class Runner:
         The start does not fit into the largest room.
     """
 
-    def __init__(self, solver=None, rebuild: Callable | None = None):
+    def __init__(self, solver=None, rebuild: Callable | None = None, too_large: Callable[[float], str] = lambda _: ""):
         from sim.errors import OutOfRoom
         from sim.neighbor_rows import HEAD_ROOM
 
-        self.solver, self.rebuild, self.head_room = solver, rebuild, getattr(solver, "head_room", HEAD_ROOM)
+        self.solver, self.rebuild, self.too_large = solver, rebuild, too_large
+        self.head_room = getattr(solver, "head_room", HEAD_ROOM)
         if solver is None:
             try:
                 self.solver = rebuild(self.head_room)
@@ -167,7 +169,8 @@ class Runner:
         Raises
         ------
         OutOfRoom
-            `error` again, where nothing rebuilds or liquid is compressed so far that more room is no remedy.
+            `error` again, where nothing rebuilds, more room does not fit into memory, or liquid is compressed so far
+            that it is no remedy.
         """
         from sim.errors import OutOfRoom
         from sim.runtime import restart as restart_taichi
@@ -177,6 +180,8 @@ class Runner:
             self.head_room *= MORE_ROOM
             if self.rebuild is None or self.head_room > MOST_ROOM:
                 raise error
+            if reason := self.too_large(self.head_room):
+                raise OutOfRoom(f"{error}, and there is no memory for more: numerics.particle_spacing {reason}")
             print(f"{error}; going on from {float(state['time']) if state else 0.0:.4g} s with more room", flush=True)
             self.solver = None
             restart_taichi()
@@ -273,8 +278,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
                 solver = runner.solver
                 at = solver.time if solver else float(good["time"])
                 raise UserError(f"{scene.name}: the run went bad at {at:.4g} s: "
-                                f"{diagnosis(solver, good, until, error)}; {kept(scene, restart)}, try a smaller "
-                                "numerics.courant_number, numerics.maximum_time_step or, if given, numerics.time_step"
+                                f"{diagnosis(solver, good, until, error)}; {kept(scene, restart)}{advice(error)}"
                                 ) from error
             solver = runner.solver
             good = solver.state()
@@ -305,6 +309,15 @@ def diagnosis(solver, good: dict, until: float, error: Exception) -> str:
     except (RunError, OverflowError) as found:
         return str(found)
     return f"{error} (which did not happen again when the steps since the last frame were repeated)"
+
+
+def advice(error: Exception) -> str:
+    """What may help a run that diverged; other errors say that themselves."""
+    from sim.solver import Divergence
+
+    if not isinstance(error, Divergence | OverflowError):
+        return ""
+    return ", try a smaller numerics.courant_number, numerics.maximum_time_step or, if given, numerics.time_step"
 
 
 def kept(scene: Scene, restart: Path | None) -> str:
@@ -400,8 +413,9 @@ def main() -> None:
     if arguments.restart is None and (arguments.segment > 0 or scene.start_from):
         raise UserError(f"--restart is missing: segment {arguments.segment} of {scene.name} starts from a checkpoint")
     initial = load_initial(arguments.initial)
-    too_many = too_large(scene.settings(), 0.0, particles=len(initial["fluid_position"]))
-    if too_many:
+    box = initial["sdf_values"].size * float(initial["sdf_cell"]) ** scene.dimension
+    fits = functools.partial(too_large, scene.settings(), 0.0, box, len(initial["fluid_position"]))
+    if too_many := fits():
         raise UserError(f"{arguments.scene}: numerics.particle_spacing: {too_many}")
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
@@ -411,7 +425,7 @@ def main() -> None:
 
     initialize(scene.numerics.precision, threads)
     try:
-        runner = Runner(rebuild=functools.partial(build_solver, scene, initial))
+        runner = Runner(None, functools.partial(build_solver, scene, initial), fits)
     except OverflowError as error:
         raise UserError(f"{arguments.initial}: cannot start a run ({error}); run the voxelize stage again, or take a "
                         "larger numerics.particle_spacing") from error

@@ -51,10 +51,11 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     if scene.dimension != 3:
         raise UserError(f"{source}: dimension: is {scene.dimension}, but an eye is filled in 3 dimensions only")
     numerics, spacing = scene.numerics, scene.numerics.particle_spacing
-    too_many = too_large(scene.settings(), float(mesh.volume))
+    margin = (max(numerics.wall_layers, 3) + 1.5) * spacing
+    too_many = too_large(scene.settings(), float(mesh.volume), float(np.prod(mesh.extents + 2.0 * margin)))
     if too_many:
         raise UserError(f"{source}: numerics.particle_spacing: {too_many}")
-    distance = distance_of_mesh(mesh, 0.5 * spacing, margin=(max(numerics.wall_layers, 3) + 1.5) * spacing)
+    distance = distance_of_mesh(mesh, 0.5 * spacing, margin=margin)
     volume = distance.volume_below()
     count = round(volume / spacing**3)
     if count < FEWEST_PARTICLES:

@@ -14,7 +14,8 @@ LEVEL_SET = 6  # reals per node of the grid that interface tension works with, b
 NODES = {2: 4.0, 3: 15.0}  # nodes of the grid per particle: half a spacing apart, around an eye in a box
 
 
-def needed_bytes(settings: Settings, particles: int, walls: int | None = None, nodes: int | None = None) -> float:
+def needed_bytes(settings: Settings, particles: int, walls: int | None = None, nodes: int | None = None,
+                 head_room: float = HEAD_ROOM) -> float:
     """Return the memory, bytes, that a solver needs.
 
     Parameters
@@ -22,22 +23,23 @@ def needed_bytes(settings: Settings, particles: int, walls: int | None = None, n
     particles : of liquid at the start.
     walls : wall particles near the liquid; nodes : of the grid of the signed distance; by default as many as a compact
         cavity has.
+    head_room : of the solver.
     """
     dimension, layers, real = settings.dimension, settings.numerics.wall_layers, _real(settings)
     if walls is None:
         walls = 2 * dimension * layers * particles ** (1.0 - 1.0 / dimension)
     # A pair of a wall particle and a liquid particle is in a row of either.
-    pairs = HEAD_ROOM / layers * entries_at_rest(0, np.arange(layers) + 0.5, settings.numerics.support_ratio, 1.0,
+    pairs = head_room / layers * entries_at_rest(0, np.arange(layers) + 0.5, settings.numerics.support_ratio, 1.0,
                                                  dimension)[1]
     tension = any(effect.name == "interface_tension" for effect in _effects(settings))
     node = real * (1 + (LEVEL_SET + dimension) * tension)
-    return (capacity_for(int(particles)) * bytes_per_particle(settings)
+    return (capacity_for(int(particles), head_room) * bytes_per_particle(settings, head_room)
             + walls * (pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings))
                        + pairs * _bytes_per_pair(settings) + ROW + real * (dimension + 8))
             + (NODES[dimension] * particles if nodes is None else nodes) * node)
 
 
-def bytes_per_particle(settings: Settings) -> float:
+def bytes_per_particle(settings: Settings, head_room: float = HEAD_ROOM) -> float:
     """Return the memory, bytes, of one liquid particle: its fields, its neighbor rows, what the solves work with."""
     settings = without_idle(settings)[0]
     dimension, real, liquids, classes = settings.dimension, _real(settings), len(settings.liquids), _effects(settings)
@@ -47,7 +49,7 @@ def bytes_per_particle(settings: Settings) -> float:
     width = {"scalar": real, "integer": 4, "vector": real * dimension, "liquids": real * liquids,
              "liquid_vectors": real * liquids * dimension, "tensor": real * dimension**2}
     buffers = {field.kind for field in fields if field.carried}  # in which fields are sorted, one of a kind
-    pairs = HEAD_ROOM * entries_at_rest(1, np.zeros(0), settings.numerics.support_ratio, 1.0, dimension)[0]
+    pairs = head_room * entries_at_rest(1, np.zeros(0), settings.numerics.support_ratio, 1.0, dimension)[0]
     return (sum(width[field.kind] for field in fields) + sum(width[kind] for kind in buffers) + SOLVES * real
             + 2 * ROW + pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings)))
 

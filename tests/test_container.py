@@ -40,6 +40,7 @@ numerics: {scheme: wcsph, particle_spacing: 20 mm}
 output: {duration: 40 ms, frame_interval: 20 ms, image_size: [320, 180]}
 """
 FULL = "blocks: [{liquid: aqueous, lower: [0, 0], upper: [1.2, 0.8]}]"
+HALF = "initial: {liquid: aqueous}\nblocks: [{liquid: silicone_oil_1000, lower: [0, 0], upper: [0.6, 0.8]}]"
 SPACE = """
 extends: base
 dimension: 3
@@ -210,6 +211,18 @@ def test_injection_beside_a_gas_is_refused(write):
     light = "liquids: {aqueous: {density: 400 kg/m3}, silicone_oil_1000: {}}"
     messages = errors_of(write(f"extends: base\n{FULL}\n{scheme}{injection}\n{light}"))
     assert "injection cannot be used with the scheme volume_incompressible: it works in full" in messages[0]
+
+
+def test_injection_counts_the_blocks(write):
+    """The aqueous of 0.96 m2 is 0.48 m2 beside the block of oil, half of the container."""
+    write(f"extends: base\n{HALF}\nnumerics: {{scheme: volume_incompressible}}\n", "half")
+    injection = ("extends: half\neffects: {{injection: {{liquid: {}, drained_liquid: {}, flow: 1e-6, fill: {}, "
+                 "cannula: [0.1, 0.1, 0], drain: [1, 0.1, 0]}}}}")
+    oil, aqueous = "silicone_oil_1000", "aqueous"
+    assert "holds 50 % of the cavity at the start" in errors_of(write(injection.format(oil, aqueous, 0.4)))[0]
+    assert "drains all aqueous (50 % of the cavity at the start), but must be at most 99.5 %" in errors_of(
+        write(injection.format(oil, aqueous, 0.999)))[0]
+    load_scene(write(injection.format(oil, aqueous, 0.9)), "draft")
 
 
 def test_scene_must_start_in_the_same_container(write):

@@ -18,9 +18,10 @@ from pipeline.container import container_arrays
 from pipeline.errors import UserError
 from pipeline.estimate import duration, main, memory, notes
 from pipeline.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
+from pipeline.fill import fill_at_start
 from pipeline.frames import find_frames, read_frame
 from pipeline.measurement import coarser, measured, rehearsal_spacings
-from pipeline.phases import Phase, fill_at_start, phases_of, state_in
+from pipeline.phases import Phase, phases_of, state_in
 from pipeline.prediction import predict, spans
 from pipeline.probe import SHORTEST, as_usage, mix_ahead, probe, rehearse, take_steps
 from pipeline.scene import load_accuracy_levels, load_scene
@@ -111,8 +112,8 @@ def test_phases_are_those_of_the_scene():
 
 
 def test_a_scene_starts_with_what_the_one_before_it_ends_with():
-    assert fill_at_start(load("emulsification"), SCENES) == pytest.approx({"aqueous": 0.15, "silicone_oil_1000": 0.85})
-    assert fill_at_start(load("coupling_2d"), SCENES) is None
+    assert fill_at_start(load("emulsification"), load) == pytest.approx({"aqueous": 0.15, "silicone_oil_1000": 0.85})
+    assert fill_at_start(load("coupling_2d"), load) is None
 
 
 def test_a_scene_is_probed_from_the_end_of_the_one_before_it_where_that_is_known():

@@ -116,6 +116,17 @@ def test_draining_a_liquid_that_is_not_there_is_refused(mixed):
         injection.exchange(1e-3)
 
 
+def test_fill_that_the_liquids_of_the_start_cannot_give_is_refused_before_anything_flows(mixed):
+    """The cavity is full of aqueous but for the first droplet of oil."""
+    with pytest.raises(RunError, match=r"aqueous holds 100 % of the cavity before anything flows, more than the 50 %"):
+        injection_of(mixed, liquid="aqueous", drained_liquid="oil", fill=0.5).exchange(1e-3)
+    phase = mixed.particles.to_numpy("phase")
+    mixed.particles.from_numpy("phase", np.where(np.arange(len(phase)) % 2, 2, phase))
+    with pytest.raises(RunError, match=r"all aqueous would have to leave before the fill is reached, lower [^\n]* 50"):
+        injection_of(mixed, fill=0.9).exchange(1e-3)
+    mixed.particles.from_numpy("phase", phase)
+
+
 def test_flow_waits_for_its_start(mixed):
     before = mixed.state()
     injection_of(mixed, start=1.0).exchange(1e-3)

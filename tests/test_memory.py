@@ -80,6 +80,24 @@ def test_mesh_is_asked_when_it_is_filled(monkeypatch):
         voxelize(scene, trimesh.creation.icosphere(radius=10e-3), "eye.json")
 
 
+def test_grid_around_a_slanted_mesh_counts(monkeypatch):
+    """A rod along the diagonal holds few particles in a large box: the grid of its distance is what needs memory."""
+    scene = load_scene(SCENES / "still_eye.yaml", "draft")
+    rod = trimesh.creation.cylinder(radius=2e-3, segment=[[0.0, 0.0, 0.0], [60e-3, 60e-3, 60e-3]])
+    assert not memory_check.too_large(scene.settings(), rod.volume)
+    monkeypatch.setattr(memory_check, "memory_of_computer", lambda: 2e8)
+    with pytest.raises(UserError, match=r"^eye.json: numerics.particle_spacing: is 1 mm[^\n]*$"):
+        voxelize(scene, rod, "eye.json")
+
+
+def test_more_head_room_needs_more_memory(monkeypatch):
+    settings = load_scene(SCENES / "still_eye.yaml", "draft").settings()
+    assert needed_bytes(settings, 10**5, head_room=2.8) > 1.5 * needed_bytes(settings, 10**5)
+    monkeypatch.setattr(memory_check, "memory_of_computer", lambda: 1.2 * needed_bytes(settings, 10**5))
+    assert not memory_check.too_large(settings, 0.0, particles=10**5)
+    assert memory_check.too_large(settings, 0.0, particles=10**5, head_room=2.8)
+
+
 def test_control_group_limits_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr(memory_check, "CGROUPS", tmp_path)
     everything = memory_of_computer()

@@ -250,6 +250,8 @@ BAD = {
     "start with other liquids": ("start_from: s1_tamponade_gamma0", "but must be s1_water, s1_silicone_oil as in"),
     "start with a broken spacing": ("start_from: tamponade\nnumerics: {particle_spacing: x}\neye: {lens: x, path: 3}",
                                     "numerics.particle_spacing is"),
+    "start that leaves too little": ("start_from: tamponade\neffects: {injection: {fill: 99.9 %}}",
+                                     "drains all aqueous (15 % of the cavity at the start), but must be at"),
     "start with another eye": ("start_from: tamponade\neye: {lens: aphakic}",
                                "eye.lens is aphakic, but must be phakic as in tamponade"),
 }

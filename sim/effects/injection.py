@@ -130,8 +130,9 @@ class Injection(Effect):
         cannula, drain = (self._reach(which, dt) for which in (CANNULA, DRAIN))
         self._measure_regions(cannula, drain)
         if amount > 0.5 * self.volumes[1 + DRAIN]:
-            raise RunError(f"{self.solver.liquids[self.leaving].name} runs out before the fill is reached, "
-                           "lower effects.injection.fill")
+            name = self.solver.liquids[self.leaving].name
+            raise RunError(f"{name} runs out at the drain before the fill is reached, lower effects.injection.fill or "
+                           "effects.injection.flow")
         self._set_rates(cannula, drain, dt)
         self.finished = missing - amount <= FLOW_ROUNDING * self.rest_volume
 
@@ -205,7 +206,22 @@ class Injection(Effect):
                 share = -self.particles.volume[i] / self.volumes[2]
             self.particles.volume_rate[i] = share * self.amount[None] / dt
 
+    def _check_liquids(self) -> None:
+        """Refuse, before anything flows, a fill that the liquids of the start cannot give."""
+        phase, volume = (self.solver.particles.to_numpy(name) for name in ("phase", "volume"))
+        present, leaving = (float(volume[phase == one].sum(dtype=float)) for one in (self.entering, self.leaving))
+        enters, leaves = (self.solver.liquids[one].name for one in (self.entering, self.leaving))
+        if present > self.target + self.rest_volume:
+            raise RunError(f"{enters} holds {100.0 * present / self.solver.cavity_volume:.3g} % of the cavity before "
+                           f"anything flows, more than the {100.0 * self.parameters.fill:.3g} % of "
+                           "effects.injection.fill, raise it or leave the effect out")
+        if leaving and self.target - present > leaving:
+            highest = (present + leaving) / self.solver.cavity_volume
+            raise RunError(f"all {leaves} would have to leave before the fill is reached, lower effects.injection.fill "
+                           f"below {100.0 * highest:.3g} %")
+
     def _place_droplet(self, dt: float) -> None:
+        self._check_liquids()
         self._measure()
         enough = self.volumes[0] >= self.parameters.region_volume(self.rest_volume, self.dimension, dt)
         if not enough or self._reach(CANNULA, dt) > self._reach(DROPLET, dt):
