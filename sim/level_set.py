@@ -1,7 +1,7 @@
 """The interface between the first liquid and the others, as a level set on the grid of the signed distance.
 
-phi > 0 in the other liquids. Particle colors are splatted to nodes, smoothed and redistanced in a band around the
-interface; behind the wall, ghost nodes carry the slope that the contact angle asks for.
+phi > 0 in the other liquids. Particle colors are splatted to nodes, redistanced in a band around the interface and
+smoothed; behind the wall, ghost nodes carry the slope that the contact angle asks for.
 """
 import numpy as np
 import taichi as ti
@@ -17,8 +17,6 @@ WALL_DEPTH = 0.5  # nodes less than this deep in the liquid stand for the wall, 
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
 NARROWEST_SLAB = 24  # nodes along the last axis that one thread splats to: particles near its ends are taken twice
-DRAWN_IN = 0.36  # splatting and smoothing draw the interface in by 0.36 kappa dx^2: measured on packed spheres of 3 and
-# 4 dx and circles of 4 to 10 dx; a drop of 4 dx loses 13 % of its volume
 FAR = 4.0  # |phi| outside the band, in particle spacings
 
 

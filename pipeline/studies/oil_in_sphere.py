@@ -7,10 +7,10 @@ soon. Early agreement is no equilibrium: runs pass the reference on their way, s
 compared is the mean of its last fifth.
 
 Arc and angle come from the curve of Young and Laplace, with curvature and height free, that parts the particles of the
-two liquids best. The curve that fits the zero of the level set best, without what lies within half a spacing of the
-wall, is read beside it: smoothing shrinks that contour by a tenth of a spacing, which at 18 degrees alone turns the
-angle by two degrees. The covered share of the wall over-reads thin wedges. So every operator is also applied to
-particles that are labelled by the exact shape, which shows what it reads wrong.
+two liquids best. The curve that fits the interface points of the tension best, without what lies within half a spacing
+of the wall, is read beside it; at 18 degrees a tenth of a spacing turns the angle by two degrees. The covered share of
+the wall over-reads thin wedges. So every operator is also applied to particles that are labelled by the exact shape,
+which shows what it reads wrong.
 """
 import dataclasses
 
