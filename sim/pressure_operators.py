@@ -30,7 +30,8 @@ class PressureOperators:
         self.pairs, self.wall_pairs, self.wall_rows = search.pairs, search.wall_pairs, search.wall_rows
         self.walls = search.walls
         n, walls, dimension = particles.capacity, max(search.walls.count, 1), particles.dimension
-        self.applied, self.diagonal = (ti.field(real(), shape=n) for _ in range(2))
+        self.applied = ti.field(real(), shape=n)
+        self.diagonal = tuple(ti.field(real(), shape=n) for _ in range(2))  # without and with weight
         self.force = ti.Vector.field(dimension, real(), shape=n, layout=ti.Layout.SOA)  # per volume or per mass
         self.wall_weight, self.wall_value = (ti.field(real(), shape=walls) for _ in range(2))
 
@@ -177,15 +178,20 @@ class PressureOperators:
         return total
 
     @ti.kernel
-    def update_diagonal(self, weighted: ti.template()):
-        """Diagonal of A without what one liquid particle does to another by way of the wall."""
+    def update_diagonals(self):
+        """Diagonals of A, without and with weight, less what one liquid particle does to another by way of the wall."""
         for i in range(self.count[None]):
-            total = self._weight(i, weighted) * self._own_gradient(i).norm_sqr() / self.volume[i]
+            own = self._own_gradient(i).norm_sqr()
+            plain = own / self.volume[i]
+            weighted = self._weight(i, True) * own / self.volume[i]
             for slot in range(self.pairs.count[i]):
                 k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
-                total += self._weight(j, weighted) * self.pairs.gradient[k].norm_sqr() / self.volume[j]
-            self.diagonal[i] = self.volume[i] ** 2 * total
+                square = self.pairs.gradient[k].norm_sqr()
+                plain += square / self.volume[j]
+                weighted += self._weight(j, True) * square / self.volume[j]
+            self.diagonal[0][i] = self.volume[i] ** 2 * plain
+            self.diagonal[1][i] = self.volume[i] ** 2 * weighted
 
     @ti.kernel
     def apply(self, x: ti.template(), weighted: ti.template()):

@@ -19,11 +19,11 @@ DIVERGED = 100.0  # growth of the mean violation in a solve, from which the rela
 
 @ti.data_oriented
 class ConjugateResiduals:
-    """Conjugate residuals with the diagonal as preconditioner; the mean of p is left as it is.
+    """Conjugate residuals from p = 0, with the diagonal as preconditioner; the mean of p stays 0.
 
     Parameters
     ----------
-    operators : A and its diagonal.
+    operators : A and its diagonal, which has to be that of the present state.
     """
 
     def __init__(self, operators: PressureOperators):
@@ -38,25 +38,25 @@ class ConjugateResiduals:
 
     @ti.kernel
     def _start(self, p: ti.template()):
-        """residual = b - A p with the mean removed."""
+        """p = 0, residual = b with the mean removed."""
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                self.residual[i] = self.right_side[i] - self.operators.applied[i]
-                total += self.residual[i]
+                total += self.right_side[i]
             self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.mean[None] = total_of(self.partial, 0, n) / n
             self.rho[None] = 0.0
         for i in range(self.count[None]):
-            self.residual[i] -= self.mean[None]
+            p[i] = 0.0
+            self.residual[i] = self.right_side[i] - self.mean[None]
             self.direction[i] = 0.0
             self.image[i] = 0.0
 
     @ti.kernel
-    def _precondition(self):
+    def _precondition(self, diagonal: ti.template()):
         """preconditioned = residual / diagonal with the mean removed; mean and largest residual per volume."""
         n = self.count[None]
         for block in range(blocks(n)):
@@ -64,7 +64,7 @@ class ConjugateResiduals:
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                z = self.residual[i] / self.operators.diagonal[i]
+                z = self.residual[i] / diagonal[i]
                 self.preconditioned[i] = z
                 left = ti.cast(ti.abs(self.residual[i]) / self.operators.volume[i], ti.f64)
                 mean += z
@@ -82,7 +82,7 @@ class ConjugateResiduals:
             self.preconditioned[i] -= self.mean[None]
 
     @ti.kernel
-    def _advance(self, p: ti.template()):
+    def _advance(self, p: ti.template(), diagonal: ti.template()):
         """One step of conjugate residuals; rho becomes z.Az, and alpha is 0 where the search has to stop."""
         n = self.count[None]
         for block in range(blocks(n)):
@@ -107,7 +107,7 @@ class ConjugateResiduals:
                 # A does not map to zero mean exactly: left in, a uniform rate that no pressure can change would build
                 # up.
                 self.image[i] = self.operators.applied[i] - self.mean[None] + beta * self.image[i]
-                total += ti.cast(self.image[i], ti.f64) * self.image[i] / self.operators.diagonal[i]
+                total += ti.cast(self.image[i], ti.f64) * self.image[i] / diagonal[i]
             self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -119,7 +119,7 @@ class ConjugateResiduals:
             self.residual[i] -= alpha * self.image[i]
 
     def solve(self, p, *, weighted: bool, step: float, tolerance: float, maximum_iterations: int):
-        """Improve `p` until mean |residual| * step / V <= tolerance.
+        """Find `p` with mean |residual| * step / V <= tolerance.
 
         `right_side` holds b / step already; a tolerance of 0 makes exactly `maximum_iterations`.
 
@@ -128,17 +128,16 @@ class ConjugateResiduals:
         iterations : int
         residual_mean, residual_maximum : mean and largest |residual| * step / V at the end.
         """
-        self.operators.update_diagonal(weighted)
-        self.operators.apply(p, weighted)
+        diagonal = self.operators.diagonal[weighted]
         self._start(p)
-        self._precondition()
+        self._precondition(diagonal)
         iterations = 0
         while iterations < maximum_iterations and (tolerance == 0.0 or self.residual_mean[None] * step > tolerance):
             self.operators.apply(self.preconditioned, weighted)
-            self._advance(p)
+            self._advance(p, diagonal)
             if tolerance > 0.0 and self.alpha[None] == 0.0:
                 break
-            self._precondition()
+            self._precondition(diagonal)
             iterations += 1
         return iterations, self.residual_mean[None] * step, self.residual_maximum[None] * step
 
@@ -150,7 +149,7 @@ class Jacobi:
 
     Parameters
     ----------
-    operators : A and its diagonal.
+    operators : A and its diagonal, which has to be that of the present state.
     accelerated : with momentum.
     """
 
@@ -170,33 +169,33 @@ class Jacobi:
             self.extrapolated[i] = ti.sin(12.9898 * i) + 0.1
 
     @ti.kernel
-    def _divide(self):
+    def _divide(self, diagonal: ti.template()):
         """One power iteration: extrapolated = D^-1 A extrapolated, scaled to largest entry 1."""
         n = self.count[None]
         for block in range(blocks(n)):
             largest = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                if self.operators.diagonal[i] > 0.0:
-                    largest = ti.max(largest, ti.abs(self.operators.applied[i] / self.operators.diagonal[i]))
+                if diagonal[i] > 0.0:
+                    largest = ti.max(largest, ti.abs(self.operators.applied[i] / diagonal[i]))
             self.partial[0, block] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.eigenvalue[None] = largest_of(self.partial, 0, n)
         for i in range(self.count[None]):
-            d = self.operators.diagonal[i]
+            d = diagonal[i]
             value = self.operators.applied[i] / (ti.max(d, 1e-30) * self.eigenvalue[None])
             self.extrapolated[i] = ti.select(d > 0.0, value, 0.0)
 
     def measure_eigenvalue(self) -> float:
         """Largest eigenvalue of D^-1 A by power iteration; it sets the relaxation."""
-        self.operators.update_diagonal(True)
+        self.operators.update_diagonals()
         return self._power_iterations(True)
 
     def _power_iterations(self, weighted: bool) -> float:
         self._random()
         for _ in range(POWER_ITERATIONS):
             self.operators.apply(self.extrapolated, weighted)
-            self._divide()
+            self._divide(self.operators.diagonal[weighted])
         return self.eigenvalue[None]
 
     def set_eigenvalue(self, largest: float) -> None:
@@ -211,14 +210,14 @@ class Jacobi:
             self.extrapolated[i] = p[i]
 
     @ti.kernel
-    def _advance(self, p: ti.template()):
+    def _advance(self, p: ti.template(), diagonal: ti.template()):
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             largest = ti.cast(0.0, ti.f64)
             turn = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                d = self.operators.diagonal[i]
+                d = diagonal[i]
                 missing = self.right_side[i] - self.operators.applied[i]
                 y = self.extrapolated[i]
                 new = 0.0
@@ -248,7 +247,6 @@ class Jacobi:
         residuals. Particles that have moved may have raised the largest eigenvalue since it was measured: a solve that
         diverges for it measures it anew and starts from p = 0, with the iterations that are left.
         """
-        self.operators.update_diagonal(weighted)
         left, diverged = maximum_iterations, True
         while diverged and left > 0:
             spent, diverged = self._iterate(p, weighted, step, tolerance, left, minimum_iterations)
@@ -274,7 +272,7 @@ class Jacobi:
             self.momentum[None] = (theta - 1.0) / following if self.accelerated else 0.0
             theta = following
             self.operators.apply(self.extrapolated, weighted)
-            self._advance(p)
+            self._advance(p, self.operators.diagonal[weighted])
             if self.turn[None] > 0.0:  # the momentum points uphill
                 theta = 1.0
             left, largest = self.residual_mean[None] * step, self.residual_maximum[None] * step

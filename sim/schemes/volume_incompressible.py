@@ -106,6 +106,7 @@ class VolumeIncompressible(Scheme):
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
         solver.timed("pressure", self._press, dt)
+        solver.timed("pressure", self.operators.update_diagonals)
         statistics = solver.correct_velocity(dt)
         tolerance = self.numerics.pressure_tolerance * solver.largest_speed() * dt / self.spacing
         tolerance = max(1e-9, min(1e-4, tolerance))
@@ -128,7 +129,6 @@ class VolumeIncompressible(Scheme):
     def _solve(self, dt: float, tolerance: float) -> dict[str, float]:
         """Find the change of the pressure that would free a velocity without viscosity of its divergence."""
         self._set_velocity_right_side(dt)
-        self.pressure_change.fill(0.0)
         most = self.numerics.maximum_iterations
         iterations, mean, largest = self.pressure_solver.solve(
             self.pressure_change, weighted=True, step=dt * dt, tolerance=tolerance, maximum_iterations=most)
@@ -233,7 +233,6 @@ class VolumeIncompressible(Scheme):
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
-            self.correction[i] = 0.0
 
     @ti.func
     def _separation(self, i):
