@@ -27,6 +27,7 @@ from sim.errors import OutOfRoom
 from sim.fields import Field
 from sim.level_set import LevelSet
 from sim.parameters import parameter
+from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real
 
 DRAWN_IN = 0.36  # the zero of the level set is drawn in by 0.36 kappa dx^2 by splatting and smoothing: measured on
@@ -91,6 +92,7 @@ class InterfaceTension(Effect):
             ti.field(real(), shape=capacity) for _ in range(4))
         self.point_bin = ti.field(ti.i32, shape=capacity)
         self.point_count = ti.field(ti.i32, shape=())
+        self.partial = partial_results(4)
         self.area, self.mean_jump = (ti.field(real(), shape=()) for _ in range(2))
         self.body_force = ti.Vector.field(self.dimension, real(), shape=())  # b, N/m^3
         self.radius = EXTENSION_RADIUS * self.spacing
@@ -162,26 +164,43 @@ class InterfaceTension(Effect):
             index += ti.min(ti.max(c, 1), self.bins[d] - 2) * self.bin_strides[d]
         return index
 
+    @ti.func
+    def _crossing(self, n, d: ti.template()):
+        """Whether the interface crosses the edge from node n along axis d inside the cavity, and where along it."""
+        m = n + self.level_set.steps[d]
+        p, q = self.level_set.phi[n], self.level_set.phi[m]
+        t = p / (p - q)
+        wall, wall_next = self.grid.values[n], self.grid.values[m]
+        return (p > 0.0) != (q > 0.0) and wall + t * (wall_next - wall) <= 0.0, t
+
     @ti.kernel
     def _find_points(self):
         """Points of the interface: zero crossings of phi on grid edges inside the cavity, moved out by `DRAWN_IN`.
 
         Position, area |n_a| cell^(d-1) of the surface moved out, M; their sums, and the mean slope of phi.
         """
+        nodes = self.level_set.band_and_rim_count[None]
+        for block in range(blocks(nodes)):
+            found = 0
+            for k in range(first(block, nodes), last(block, nodes)):
+                for d in ti.static(range(self.dimension)):
+                    crosses, _ = self._crossing(self.level_set.band[k], d)
+                    found += ti.cast(crosses, ti.i32)
+            self.partial[0, block] = found
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = 0
+            self.point_count[None] = ti.cast(running_total(self.partial, 0, nodes), ti.i32)
+        for block in range(blocks(nodes)):
+            place = ti.cast(self.partial[0, block], ti.i32)
             area = ti.cast(0.0, ti.f64)
             jump = ti.cast(0.0, ti.f64)
             slope = ti.cast(0.0, ti.f64)
-            for k in range(self.level_set.band_and_rim_count[None]):
+            for k in range(first(block, nodes), last(block, nodes)):
                 n = self.level_set.band[k]
                 for d in ti.static(range(self.dimension)):
-                    m = n + self.level_set.steps[d]
-                    p, q = self.level_set.phi[n], self.level_set.phi[m]
-                    t = p / (p - q)
-                    wall, wall_next = self.grid.values[n], self.grid.values[m]
-                    if (p > 0.0) != (q > 0.0) and wall + t * (wall_next - wall) <= 0.0:
+                    crosses, t = self._crossing(n, d)
+                    if crosses:
+                        m = n + self.level_set.steps[d]
                         g = (1.0 - t) * self.level_set.normal[n] + t * self.level_set.normal[m]
                         length = ti.max(g.norm(), 1e-6)
                         x = self.grid.origin + t * self.grid.cell * ti.Vector.unit(self.dimension, d)
@@ -195,25 +214,30 @@ class InterfaceTension(Effect):
                         wider = 1.0 + out * kappa / (self.dimension - 1)
                         x -= out / length * g
                         kappa /= wider
-                        if total < self.capacity:
+                        if place < self.capacity:
                             a = ti.abs(g[d]) / length * (wider * self.grid.cell) ** (self.dimension - 1)
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
                                 kappa *= near + t * (far - near)  # exactly 1 at a sharp interface
                             value = self.coefficient * kappa - self.body_force[None].dot(x)
-                            self.point[total] = x
-                            self.point_area[total] = a
-                            self.point_jump[total] = value
-                            self.point_bin[total] = self._bin(x)
+                            self.point[place] = x
+                            self.point_area[place] = a
+                            self.point_jump[place] = value
+                            self.point_bin[place] = self._bin(x)
                             area += a
                             jump += a * value
                             slope += a * length
-                        total += 1
-            self.point_count[None] = total
+                        place += 1
+            self.partial[1, block] = area
+            self.partial[2, block] = jump
+            self.partial[3, block] = slope
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            area = total_of(self.partial, 1, nodes)
             self.area[None] = area
-            self.mean_jump[None] = jump / ti.max(area, 1e-30)
+            self.mean_jump[None] = total_of(self.partial, 2, nodes) / ti.max(area, 1e-30)
             if area > 0.0:
-                relaxed = 0.9 * self.level_set.slope[None] + 0.1 * slope / area
+                relaxed = 0.9 * self.level_set.slope[None] + 0.1 * total_of(self.partial, 3, nodes) / area
                 self.level_set.slope[None] = ti.min(ti.max(relaxed, 0.5), 1.5)
 
     @ti.kernel
