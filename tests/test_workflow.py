@@ -82,7 +82,7 @@ def test_configured_level_is_that_of_all(project):
     (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
     (["outputs/studies/validation/table.html"], "ask for outputs/studies/validation/draft/table.html"),
     (["outputs/studies/validation/standard"], "ask for a file in it, such as outputs/studies/validation/standard/t"),
-    (["outputs/studies/validatoin/table.html"], 'no study is called "validatoin", did you mean validation?'),
+    (["outputs/studies/validatoin/table.html"], 'no study is called "validatoin" (did you mean validation?)'),
     (["outputs/tiny/movie.mp4"], "outputs/tiny/movie.mp4: every accuracy level has a folder of its own (draft, "
                                  "standard, fine); ask for outputs/tiny/draft/movie.mp4"),
     (["outputs/tiny/frames/frames.pvd", "--config", "accuracy=fine"], "ask for outputs/tiny/fine/frames/frames.pvd"),
