@@ -233,16 +233,15 @@ def _injection_starts_in_time(effects: dict, output: Output) -> Found:
 @_check
 def _injection_has_room(initial: Initial, effects: dict, start_from: str | None, container: Container | None,
                         blocks: tuple[Block, ...]) -> Found:
-    if start_from is not None or (initial.fill is None and initial.liquid is None):
+    if start_from is not None or not (blocks or initial.fill or initial.liquid):
         return
-    fill = initial.fill if initial.fill is not None else {initial.liquid: 1.0}
-    if blocks:  # what some take from others only the particles tell, when the run begins
-        if container is None or initial.fill is not None or any(block.replaces for block in blocks):
+    fill = initial.fill or {initial.liquid: 1.0}
+    if blocks:
+        if container is None or any(block.replaces for block in blocks):  # what they leave only the particles tell
             return
+        fill = dict.fromkeys((block.liquid for block in blocks), 0.0)
         for block in blocks:
-            share = block.volume / math.prod(container.size)
-            fill[initial.liquid] -= share
-            fill[block.liquid] = fill.get(block.liquid, 0.0) + share
+            fill[block.liquid] += block.volume / math.prod(container.size)
     injection = effects.get("injection")
     if injection and fill.get(injection.liquid, 0.0) >= injection.fill:
         yield (("effects", "injection", "fill"),

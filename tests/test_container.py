@@ -40,7 +40,8 @@ numerics: {scheme: wcsph, particle_spacing: 20 mm}
 output: {duration: 40 ms, frame_interval: 20 ms, image_size: [320, 180]}
 """
 FULL = "blocks: [{liquid: aqueous, lower: [0, 0], upper: [1.2, 0.8]}]"
-HALF = "initial: {liquid: aqueous}\nblocks: [{liquid: silicone_oil_1000, lower: [0, 0], upper: [0.6, 0.8]}]"
+HALF = ("blocks: [{liquid: silicone_oil_1000, lower: [0, 0], upper: [0.6, 0.8]}, "
+        "{liquid: aqueous, lower: [0.6, 0], upper: [1.2, 0.8]}]")
 SPACE = """
 extends: base
 dimension: 3
