@@ -30,6 +30,7 @@ SPLIT_DISTANCE = 0.4  # distance of the two halves from the place of the whole, 
 DIRECTIONS = 24  # random directions, of which the one with most room is taken
 NEAR = 1.5  # reach of a split and of a merger, in particle spacings: well inside neighbor rows that are a step old
 FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
+WHOLE = 0.02  # of the cavity by which the liquids of a start may miss their shares, since particles are whole
 BINS_PER_SPACING = 4  # shells around cannula and drain in which particles are counted
 MOST_CHANGES = 4096  # particles that split, or merge, in one step
 CANNULA, DRAIN, DROPLET = range(3)  # entering liquid at the cannula, leaving liquid at the drain and at the cannula
@@ -211,7 +212,7 @@ class Injection(Effect):
         phase, volume = (self.solver.particles.to_numpy(name) for name in ("phase", "volume"))
         present, leaving = (float(volume[phase == one].sum(dtype=float)) for one in (self.entering, self.leaving))
         enters, leaves = (self.solver.liquids[one].name for one in (self.entering, self.leaving))
-        if present > self.target + self.rest_volume:
+        if present > self.target + WHOLE * self.solver.cavity_volume:
             raise RunError(f"{enters} holds {100.0 * present / self.solver.cavity_volume:.3g} % of the cavity before "
                            f"anything flows, more than the {100.0 * self.parameters.fill:.3g} % of "
                            "effects.injection.fill, raise it or leave the effect out")
