@@ -7,6 +7,7 @@ from conftest import ROOT
 from test_workflow import TRACE, planned
 
 from pipeline.errors import UserError
+from pipeline.scene import load_accuracy_levels
 from pipeline.study_model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_plan import load_study, study_names
 from pipeline.study_report import summary
@@ -79,6 +80,17 @@ def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
     case, = load_study("ink_drop_study", "standard").cases.values()
     assert {str(folder) for folder in case.folders().values()} == {
         f"outputs/{name}/standard" for name in ("ink_drop", "ink_drop_0003", "ink_drop_0005")}
+
+
+@pytest.mark.parametrize(("name", "level"), [("hard_eye_study", "standard"), ("step_size_study", "fine"),
+                                             ("injection_study", "draft")])
+def test_case_solves_its_scene_at_the_level_of_the_study(name, level, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    expected = load_accuracy_levels(ROOT / "config" / "accuracy.yaml")[level]
+    scenes = [scene for case in load_study(name, level).cases.values() for scene in case.solved()]
+    assert scenes
+    assert {(scene.numerics.particle_spacing, scene.numerics.pressure_tolerance) for scene in scenes} == {
+        (expected.particle_spacing, expected.pressure_tolerance)}
 
 
 def test_cases_are_all_combinations_named_by_what_differs(write):
