@@ -18,10 +18,18 @@ class PressureOperators:
     """A, its diagonal and its factors; one instance serves velocity and position corrections.
 
     Fields of liquid particles: `kernel_gradient_sum` S_i = sum of V_j G_ij over all neighbors, `volume`, `mass`.
-    The weight of the force is V/m for velocities (weighted=True) and 1 for positions (weighted=False).
+    The weight of the force is the `mobility` for velocities (weighted=True) and 1 for positions (weighted=False).
+
+    Parameters
+    ----------
+    resisting : effects with a `friction` k of the wall, implicit in the velocity that the pressure changes: it resists
+        what the pressure does, and the mobility is V/(m + dt k) instead of V/m. Without it a wall holds viscous liquid
+        in the one solve and lets it slip in the other, and oil moves along the wall too fast.
     """
 
-    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum):
+    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum, resisting=()):
+        self.resisting = [effect for effect in resisting
+                          if effect.overrides("friction") and "friction" not in effect.unused_hooks]
         self.particles = particles
         self.count = particles.count
         self.volume = particles.arrays["volume"]
@@ -30,7 +38,7 @@ class PressureOperators:
         self.pairs, self.wall_pairs, self.wall_rows = search.pairs, search.wall_pairs, search.wall_rows
         self.walls = search.walls
         n, walls, dimension = particles.capacity, max(search.walls.count, 1), particles.dimension
-        self.applied = ti.field(real(), shape=n)
+        self.applied, self.mobility = (ti.field(real(), shape=n) for _ in range(2))
         self.diagonal = tuple(ti.field(real(), shape=n) for _ in range(2))  # without and with weight
         self.force = ti.Vector.field(dimension, real(), shape=n, layout=ti.Layout.SOA)  # per volume or per mass
         self.wall_weight, self.wall_value = (ti.field(real(), shape=walls) for _ in range(2))
@@ -117,16 +125,24 @@ class PressureOperators:
     def _weight(self, i, weighted: ti.template()):
         w = 1.0
         if ti.static(weighted):
-            w = self.volume[i] / self.mass[i]
+            w = self.mobility[i]
         return w
 
     @ti.kernel
     def accelerate(self, p: ti.template(), v: ti.template(), factor: float, weighted: ti.template()):
-        """v_i += factor * F_i(p) / m_i (or / V_i where not weighted)."""
+        """v_i += factor * F_i(p) * mobility_i / V_i (or / V_i where not weighted)."""
         for b in range(self.walls.count):
             self.wall_value[b] = self.extrapolated(p, b)
         for i in range(self.count[None]):
             v[i] += factor * self._weight(i, weighted) * self.pressure_force(p, i)
+
+    @ti.kernel
+    def accelerate_freely(self, p: ti.template(), v: ti.template(), dt: float):
+        """v_i += dt F_i(p) / m_i, which friction has yet to answer."""
+        for b in range(self.walls.count):
+            self.wall_value[b] = self.extrapolated(p, b)
+        for i in range(self.count[None]):
+            v[i] += dt * self.volume[i] / self.mass[i] * self.pressure_force(p, i)
 
     @ti.func
     def wall_hydrostatics(self, position: ti.template(), acceleration: ti.template(), b):
@@ -178,8 +194,16 @@ class PressureOperators:
         return total
 
     @ti.kernel
-    def update_diagonals(self):
-        """Diagonals of A, without and with weight, less what one liquid particle does to another by way of the wall."""
+    def update_diagonals(self, dt: float):
+        """Mobilities in a step dt, and the diagonals of A, without and with weight.
+
+        The diagonals are less what one liquid particle does to another by way of the wall.
+        """
+        for i in range(self.count[None]):
+            resistance = self.mass[i]
+            for effect in ti.static(self.resisting):
+                resistance += dt * effect.friction(i)
+            self.mobility[i] = self.volume[i] / resistance
         for i in range(self.count[None]):
             own = self._own_gradient(i).norm_sqr()
             plain = own / self.volume[i]

@@ -188,7 +188,7 @@ class Jacobi:
 
     def measure_eigenvalue(self) -> float:
         """Largest eigenvalue of D^-1 A by power iteration; it sets the relaxation."""
-        self.operators.update_diagonals()
+        self.operators.update_diagonals(0.0)
         return self._power_iterations(True)
 
     def _power_iterations(self, weighted: bool) -> float:

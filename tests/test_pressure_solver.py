@@ -96,7 +96,7 @@ def test_matrix_is_symmetric_and_positive_semidefinite(matrices):
 def test_preconditioner_is_nearly_the_diagonal(matrices):
     """Left out is only what a liquid particle does to another one by way of the wall."""
     solver, _, reference, weighted, found, _ = matrices
-    solver.scheme.operators.update_diagonals()
+    solver.scheme.operators.update_diagonals(0.0)
     diagonal = solver.scheme.operators.diagonal[weighted].to_numpy()[: reference.count]
     exact = np.diag(found)
     inside = reference.extrapolation[reference.count:].sum(axis=0) == 0.0  # no wall particle in reach
@@ -111,7 +111,7 @@ def test_diagonal_of_a_lone_particle_at_the_wall_is_exact():
     solver = cavities.build(arrays, filled=lambda x: (np.abs(x - [-2.5e-3, 0.5e-3]) < 1e-4).all(axis=1))
     assert solver.count[None] == 1
     operators = solver.scheme.operators
-    operators.update_diagonals()
+    operators.update_diagonals(0.0)
     solver.particles.from_numpy("pressure", np.ones(1))
     operators.apply(solver.scheme.pressure, True)
     diagonal = operators.diagonal[True][0]
@@ -162,7 +162,7 @@ def test_solve_makes_the_velocity_free_of_divergence(state):
     operator = reference.extrapolation.T @ reference.rate
     before = np.abs(operator @ velocity.ravel()).mean()
     solver.scheme._set_velocity_right_side(dt)
-    solver.scheme.operators.update_diagonals()
+    solver.scheme.operators.update_diagonals(0.0)
     iterations, mean, largest = pressure_solver.solve(
         solver.scheme.pressure, weighted=True, step=dt * dt, tolerance=1e-8 * before / reference.volume.mean() * dt,
         maximum_iterations=5000)
@@ -179,7 +179,7 @@ def test_zero_tolerance_makes_exactly_the_iterations_asked_for(state):
     solver, pressure_solver, reference = state
     solver.particles.from_numpy("pressure", np.zeros(reference.count))
     pressure_solver.right_side.fill(0.0)
-    solver.scheme.operators.update_diagonals()
+    solver.scheme.operators.update_diagonals(0.0)
     assert pressure_solver.solve(solver.scheme.pressure, weighted=False, step=1.0, tolerance=0.0,
                                  maximum_iterations=5)[0] == 5
     assert not cavities.read(solver, "pressure")[0].any()

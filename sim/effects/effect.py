@@ -84,16 +84,6 @@ class Effect:
         """Change the velocity after the accelerations and before the pressure; return statistics."""
         return {}
 
-    def begin_change(self) -> None:
-        """Keep the velocity that `correct_velocity` has made, and clear it for what a change of the pressure makes."""
-
-    def answer_change(self, dt: float) -> dict[str, float]:
-        """Find the answer w of the same linear correction to the velocity g that a change of the pressure makes.
-
-        The share g.Mg / g.Mw of it, with masses M, is added to the velocity kept. Returns statistics and that `share`.
-        """
-        return {}
-
     def finish(self, dt: float) -> None:
         """Change the state once the positions have moved; neighbor rows are those of the start of the step."""
 
@@ -112,6 +102,11 @@ class Effect:
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
         """Acceleration of i by the wall particle b; gradient = V_b grad_i W_ib, weight = V_b W_ib."""
+        return ti.static(None)
+
+    @ti.func
+    def friction(self, i):
+        """Force of the wall on particle i over its velocity, that `correct_velocity` has counted with, kg/s."""
         return ti.static(None)
 
     # State beside the particle fields, for checkpoints.

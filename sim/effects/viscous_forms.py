@@ -39,7 +39,7 @@ class ViscousForm(abc.ABC):
 
     Parameters
     ----------
-    particles : view of the particle fields, `dynamic_viscosity` and `viscous_diagonal` among them.
+    particles : view of the particle fields, `dynamic_viscosity`, `viscous_diagonal` and `wall_friction` among them.
     liquids : friction at the wall; no_slip : whether there is any.
     """
 
@@ -51,7 +51,10 @@ class ViscousForm(abc.ABC):
 
     @abc.abstractmethod
     def assemble(self, dt: float) -> None:
-        """Cache what depends on positions and viscosities, and set the diagonal of M + dt K."""
+        """Cache what depends on positions and viscosities; set the diagonal of M + dt K and the friction of the wall.
+
+        The friction of a particle is a number: the mean over all directions of its motion.
+        """
 
     def differentiate(self, v) -> None:
         """Compute what `added` needs of the field v."""
@@ -100,6 +103,7 @@ class CentralForm(ViscousForm):
                 s = self._pair(self._viscosity(i, j), volume * self.particles.volume[j], x_ij)
                 self.pair_vector[k] = s
                 trace += s.norm_sqr()
+            wall_trace = 0.0
             if ti.static(self.no_slip):
                 depth = self.liquids.depth(i)
                 if ti.static(self.shared):
@@ -111,8 +115,9 @@ class CentralForm(ViscousForm):
                     x_ib = self.search.separation(x, self.walls.position[b])
                     s = self._pair(beta * mu, volume * self.walls.volume[b], x_ib)
                     self.wall_vector[k] = s
-                    trace += s.norm_sqr()
-            self.particles.viscous_diagonal[i] = self.particles.mass[i] + dt * trace / self.dimension
+                    wall_trace += s.norm_sqr()
+            self.particles.wall_friction[i] = wall_trace / self.dimension
+            self.particles.viscous_diagonal[i] = self.particles.mass[i] + dt * (trace + wall_trace) / self.dimension
 
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
@@ -136,7 +141,6 @@ class LaplacianForm(ViscousForm):
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
         self.pair_coefficient = self.pairs.per_entry()  # force over v_ij, kg/s
-        self.wall_coefficient = ti.field(real(), shape=self.pairs.rows)  # friction over v_i, kg/s
 
     @ti.func
     def _pair(self, mu, volumes, x):
@@ -164,13 +168,13 @@ class LaplacianForm(ViscousForm):
                     beta = self.liquids.wall_factor(depth, b)
                     x_ib = self.search.separation(x, self.walls.position[b])
                     friction += self._pair(beta * mu, volume * self.walls.volume[b], x_ib)
-            self.wall_coefficient[i] = friction
+            self.particles.wall_friction[i] = friction
             self.particles.viscous_diagonal[i] = self.particles.mass[i] + dt * (trace + friction)
 
     @ti.func
     def added(self, total, v: ti.template(), i, dt):
         v_i = v[i]
-        total += (dt * self.wall_coefficient[i]) * v_i
+        total += (dt * self.particles.wall_friction[i]) * v_i
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             total += (dt * self.pair_coefficient[k]) * (v_i - v[self.pairs.index[k]])
@@ -252,9 +256,11 @@ class StrainForm(ViscousForm):
                               * (self.correction[j] @ self.pairs.gradient[k]).norm_sqr())
             self.gradient_sum[i] = total
             volume = self.particles.volume[i]
-            trace += (self.share[i] * self.particles.dynamic_viscosity[i] / volume
-                      * (self.correction[i] @ total).norm_sqr())
-            self.particles.viscous_diagonal[i] += dt * volume**2 * (1.0 + 1.0 / self.dimension) * trace
+            own = self.share[i] * self.particles.dynamic_viscosity[i] / volume
+            trace += own * (self.correction[i] @ total).norm_sqr()
+            factor = volume**2 * (1.0 + 1.0 / self.dimension)
+            self.particles.viscous_diagonal[i] += dt * factor * trace
+            self.particles.wall_friction[i] += factor * own * (self.correction[i] @ self.wall_sum[i]).norm_sqr()
 
     @ti.kernel
     def differentiate(self, v: ti.template()):

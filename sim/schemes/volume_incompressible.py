@@ -23,8 +23,6 @@ LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disor
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
-FOLLOWED = 1.0  # nu dt/dx^2 from which the pressure follows viscosity; where it does not matter, a more exact pressure
-# only wakes noise (two layers of 1:2 at rest)
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
@@ -51,7 +49,7 @@ class VolumeIncompressible(Scheme):
         arrays = solver.particles.arrays
         self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
         self.volume_rate = arrays.get("volume_rate")
-        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum)
+        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum, solver.effects)
         self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
         self.wall_compression = ti.field(real(), shape=walls)
@@ -61,9 +59,7 @@ class VolumeIncompressible(Scheme):
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
-        self.implicit = next((effect for effect in solver.effects if effect.overrides("answer_change")), None)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
-        self.largest_viscosity = max(liquid.dynamic_viscosity / liquid.density for liquid in solver.settings.liquids)
 
     @classmethod
     def variant(cls, settings) -> type[Scheme]:
@@ -106,14 +102,11 @@ class VolumeIncompressible(Scheme):
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
         solver.timed("pressure", self._press, dt)
-        solver.timed("pressure", self.operators.update_diagonals)
         statistics = solver.correct_velocity(dt)
+        solver.timed("pressure", self.operators.update_diagonals, dt)
         tolerance = self.numerics.pressure_tolerance * solver.largest_speed() * dt / self.spacing
         tolerance = max(1e-9, min(1e-4, tolerance))
         statistics |= solver.timed("pressure", self._solve, dt, tolerance)
-        reach = self.largest_viscosity * dt / self.spacing**2
-        if self.implicit and reach > FOLLOWED and statistics["pressure_iterations"]:
-            self._follow(dt, tolerance, statistics)
         solver.timed("pressure", self._take, dt)
         return statistics | solver.timed("position correction", self.advect, dt)
 
@@ -124,10 +117,10 @@ class VolumeIncompressible(Scheme):
         proportion to the time step, stirs the oil (incremental pressure correction: van Kan 1986).
         """
         self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
-        self.operators.accelerate(self.pressure, self.velocity, dt, True)
+        self.operators.accelerate_freely(self.pressure, self.velocity, dt)
 
     def _solve(self, dt: float, tolerance: float) -> dict[str, float]:
-        """Find the change of the pressure that would free a velocity without viscosity of its divergence."""
+        """Find the change of the pressure that frees the velocity of its divergence."""
         self._set_velocity_right_side(dt)
         most = self.numerics.maximum_iterations
         iterations, mean, largest = self.pressure_solver.solve(
@@ -135,34 +128,15 @@ class VolumeIncompressible(Scheme):
         return {"pressure_iterations": iterations, "residual_mean": mean, "residual_maximum": largest,
                 "pressure_limit_hit": float(iterations >= most)}
 
-    def _follow(self, dt: float, tolerance: float, statistics: dict[str, float]) -> None:
-        """Change the pressure as far along that direction as viscosity asks for, and solve once more.
-
-        Viscosity resists what a change of the pressure does at the scale of particles: with nu dt/dx^2 far above 1 the
-        change would have to be several times as large, and a solve that knows masses only takes as many steps to find
-        it; meanwhile oil moves too fast. One step of steepest descent for the pressure of the coupled system (its Schur
-        complement, with the solve as preconditioner: Bramble & Pasciak 1988) finds how many times.
-        """
-        solver, effect = self.solver, self.implicit
-        solver.timed(effect.name, effect.begin_change)
-        solver.timed("pressure", self.operators.accelerate, self.pressure_change, self.velocity, dt, True)
-        answer = solver.timed(effect.name, effect.answer_change, dt)
-        solver.timed("pressure", self._add_change, answer.pop("share"))
-        again = solver.timed("pressure", self._solve, dt, tolerance)
-        for name, value in (answer | again).items():
-            adds = name.endswith("_iterations")
-            statistics[name] = statistics[name] + value if adds else max(value, statistics[name])
-        statistics |= {name: again[name] for name in ("residual_mean", "residual_maximum")}
-
     @ti.kernel
-    def _add_change(self, share: float):
+    def _add_change(self):
         for i in range(self.count[None]):
-            self.pressure[i] += share * self.pressure_change[i]
+            self.pressure[i] += self.pressure_change[i]
 
     def _take(self, dt: float) -> None:
         """Let the change of the pressure act."""
         self.operators.accelerate(self.pressure_change, self.velocity, dt, True)
-        self._add_change(1.0)
+        self._add_change()
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}

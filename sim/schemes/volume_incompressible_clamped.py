@@ -170,7 +170,7 @@ class VolumeIncompressibleClamped(Scheme):
         return statistics, divergence, volume, (volume, divergence)
 
     def step(self, dt: float) -> dict[str, float]:
-        self.solver.timed("pressure", self.operators.update_diagonals)
+        self.solver.timed("pressure", self.operators.update_diagonals, dt)
         if self.solver.step_count % EIGENVALUE_INTERVAL == 0:
             self.solver.timed("pressure", self.set_rest_state)
         advance = self._move_by_position if self.moves_positions else self._move_by_velocity
