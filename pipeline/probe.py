@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.cli import run
+from pipeline.devices import chosen_device
 from pipeline.errors import UserError
 from pipeline.files import write_text
 from pipeline.frames import frame_path, load_checkpoint, save_checkpoint, write_frame
@@ -195,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from sim.errors import RunError
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, scene.numerics.threads)
+    initialize(scene.numerics.precision, scene.numerics.threads, chosen_device(None, scene, options.scene))
     imports = usage()
     try:
         if options.rehearse:
