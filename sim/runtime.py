@@ -10,6 +10,7 @@ from sim.cores import available_cores, useful_threads
 from sim.devices import AUTO, best_device
 
 _started: dict[str, object] = {}
+_packed_field = ti.field
 
 
 class NoDevice(RuntimeError):
@@ -48,9 +49,25 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") ->
     if current_cfg().arch != arch:
         ti.reset()
         raise NoDevice(f"Taichi finds no device {wanted['device']}")
+    ti.field = _packed_field if wanted["device"] in ("cpu", "cuda") else _field_apart
     _started.update(wanted)
     if wanted["device"] == "cpu":
         _bind(sorted(_own_threads() - before)[-wanted["threads"]:])
+
+
+def _field_apart(dtype, shape: int | tuple[int, ...] = (), **more):
+    """A field as `ti.field` makes it; one in double precision has a memory of its own.
+
+    For Vulkan and Metal, Taichi 1.7.4 lays fields side by side without gaps, and one of 8 bytes that begins 4 bytes off
+    silently overlaps the field before it (https://github.com/taichi-dev/taichi/issues/8803).
+    """
+    if dtype != ti.f64:
+        return _packed_field(dtype, shape=shape, **more)
+    field, memory = _packed_field(dtype, **more), ti.FieldsBuilder()
+    sides = (shape,) if isinstance(shape, int) else shape
+    (memory.dense(ti.axes(*range(len(sides))), sides) if sides else memory).place(field)
+    memory.finalize()
+    return field
 
 
 def _own_threads() -> set[int]:
