@@ -33,8 +33,12 @@ def checked_device(device: object, where: str, precision: str = "f32") -> str:
     return device
 
 
-def chosen_device(option: str | None, scene: Scene, path: Path) -> str:
-    """Return what ``--device`` asks for or, without it, ``numerics.device`` of the scene in a file.
+def chosen_device(option: str | None, scene: Scene, path: Path, where: str = "--device") -> str:
+    """Return what an option asks for or, without it, ``numerics.device`` of the scene in a file.
+
+    Parameters
+    ----------
+    where : name of the option.
 
     Raises
     ------
@@ -43,4 +47,4 @@ def chosen_device(option: str | None, scene: Scene, path: Path) -> str:
     numerics = scene.numerics
     if option is None:
         return checked_device(numerics.device, f"{path}: numerics.device", numerics.precision)
-    return checked_device(option, "--device", numerics.precision)
+    return checked_device(option, where, numerics.precision)

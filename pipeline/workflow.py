@@ -27,6 +27,7 @@ SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
+DEVICE = "--config device"
 
 
 def stop(*messages: str) -> NoReturn:
@@ -86,9 +87,10 @@ class Workflow:
         if self.accuracy not in self.levels:
             stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
                  f"{nearest(self.accuracy, self.levels)}")
-        self.device = ""
-        if config.get("device") is not None:
-            self.device = f"--device {_read(checked_device, config['device'], '--config device')}"
+        self._device = config.get("device")
+        if self._device is not None:
+            _read(checked_device, self._device, DEVICE)
+        self.device = "" if self._device is None else f"--device {self._device}"
         self._scenes: dict[tuple[str, str], Scene] = {}
 
     @property
@@ -102,10 +104,7 @@ class Workflow:
             path = SCENES / f"{name}.yaml"
             scene = self._scenes[name, level] = _read(load_scene, path, level)
             _read(chosen_threads, None, scene, path)
-            if self.device:
-                _read(checked_device, self.device.split()[1], "--config device", scene.numerics.precision)
-            else:
-                _read(chosen_device, None, scene, path)
+            _read(chosen_device, self._device, scene, path, DEVICE)
         return self._scenes[name, level]
 
     def threads(self, name: str, level: str, cores: int) -> int:

@@ -21,7 +21,6 @@ from sim import devices
 from sim.devices import ABSENT, SHORT
 
 SPACINGS = {"still": HEIGHT / 8, "dam": DAM_WIDTH / 8, "eye": SPACING}  # m, of the cases that cost little
-SHARES = {}
 
 # What is taken, and what is refused
 
@@ -195,6 +194,10 @@ def test_vulkan_continues_what_the_cpu_began(found, case):
     (scheme, cavity) for scheme in ("volume_incompressible", "dfsph", "wcsph", "position_based")
     for cavity in ("closed", "open")])
 def test_all_effects_run_on_vulkan(tmp_path, scheme, cavity):
-    """In the stirred state of the study of determinism, with every effect that the scheme runs."""
+    """In the stirred state of the study of determinism, with every effect that the scheme runs.
+
+    Flow is chaotic there, and most where speeds are moves over time: ten times what was measured on lavapipe.
+    """
     case = f"{scheme} {cavity}"
-    assert_alike(states(tmp_path, case), f"{case} middle", SPACING, share=SHARES.get(scheme, 1e-3))
+    share = 0.3 if scheme == "position_based" else 6e-3
+    assert_alike(states(tmp_path, case), f"{case} middle", SPACING, share)
