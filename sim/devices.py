@@ -69,7 +69,6 @@ def main(device: str) -> None:
     except NoDevice:
         sys.exit(ABSENT)
     total = ti.field(ti.f64, shape=())
-
     number = ti.field(ti.f64, shape=LONG)
 
     @ti.kernel
