@@ -3,7 +3,7 @@
     snakemake -j2 all                                       the scenes of config/config.yaml at its accuracy level
     snakemake -j2 outputs/<scene>/<level>/movie.mp4         any scene of config/scenes at any level
     snakemake -j2 validation                                a study of config/studies: table, figures, page
-    snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]'
+    snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
     snakemake -j2 outputs/<scene>/compare_draft_standard.html   what the finer level changes
     snakemake -j2 -R render                                 a stage once more
     snakemake --report report.html                          one page to read and to pass on
@@ -111,7 +111,7 @@ rule voxelize:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"
-        " --threads {threads} 2>&1 | tee {log}"
+        " --threads {threads} {flow.device} 2>&1 | tee {log}"
 
 
 rule advise:
@@ -149,7 +149,7 @@ rule estimate:
     priority: 20  # before the simulation, which finds its kernels compiled
     shell:
         "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {workflow.cores}"
-        " {params.start} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
+        " {params.start} {flow.device} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
 
 
 rule cost:
@@ -191,7 +191,7 @@ rule simulate:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
         " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
-        " 2>&1 | tee {log}"
+        " {flow.device} 2>&1 | tee {log}"
 
 
 rule effects:
@@ -238,7 +238,7 @@ rule reconstruct:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
-        " --threads {threads} 2>&1 | tee {log}"
+        " --threads {threads} {flow.device} 2>&1 | tee {log}"
 
 
 rule render:

@@ -75,14 +75,15 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str
                  f"{100 * row['cpu_share']:.1f} %", row["hooks"].replace("_", " "))
         body.append("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in cells) + "</tr>")
     title = html.escape(scene.title or scene.name)
+    devices = dict.fromkeys(segment["device"] for segment in segments)
     owned = sum(row["bytes"] for row in rows)
     return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: effects</title>'
             f"<style>{STYLE}</style></head><body><h1>{title}: what its effects cost</h1>"
             f"<p>Accuracy {html.escape(scene.accuracy)}: {last['particles']} particles, "
             f"{sum(segment['steps'] for segment in segments)} steps, "
-            f"{len(segments)} segments, {scene.numerics.scheme}. These parts hold {owned / 2**20:.2f} of the "
-            f"{last['allocated_bytes'] / 2**20:.2f} MiB that Taichi has allocated. The time of an effect's part of the "
-            "loop of all effects counts for the solver; a field "
+            f"{len(segments)} segments, {scene.numerics.scheme} on {' and '.join(devices)}. "
+            f"These parts hold {owned / 2**20:.2f} of the {last['allocated_bytes'] / 2**20:.2f} MiB that Taichi has "
+            "allocated. The time of an effect's part of the loop of all effects counts for the solver; a field "
             " that two effects share counts for the first.</p>"
             f"<table><tr>{heads}</tr>{''.join(body)}</table>"
             f"{''.join(f'<p>{html.escape(note)}.</p>' for note in last['notes'])}"

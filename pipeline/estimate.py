@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.cli import run
+from pipeline.devices import HELP, chosen_device
 from pipeline.dimensionless_numbers import shown
 from pipeline.errors import UserError
 from pipeline.files import write_text
@@ -126,10 +127,10 @@ def scenes_of(path: Path, accuracy: str | None) -> list[Scene]:
     return [load_scene(path, level) for level in levels]
 
 
-def with_threads(scene: Scene, cores: int) -> Scene:
-    """Return a scene with the threads that its solver gets where a run has so many cores."""
+def as_run(scene: Scene, cores: int, device: str) -> Scene:
+    """Return a scene with its device, and with the threads that its solver gets where a run has so many cores."""
     return dataclasses.replace(scene, numerics=dataclasses.replace(
-        scene.numerics, threads=solver_threads(scene, cores)))
+        scene.numerics, threads=solver_threads(scene, cores), device=device))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -147,6 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                    help="checkpoint of the scene that this one starts from; liquids are laid level while there is none")
     p.add_argument("--cores", type=int, metavar="N", help="cores that the run will have, as after -j of Snakemake "
                                                           "(default: all)")
+    p.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
     options = p.parse_args(arguments)
     cores = available_cores() if options.cores is None else options.cores
     if cores < 1:
@@ -154,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scenes = scenes_of(options.scene, options.accuracy)
     for scene in scenes:
         checked_threads(scene.numerics.threads, f"{options.scene}: numerics.threads")
-    scenes = [with_threads(scene, cores) for scene in scenes]
+    scenes = [as_run(scene, cores, chosen_device(options.device, scene, options.scene)) for scene in scenes]
     if options.made and len(scenes) > 1:
         raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
     folder = SCENES if options.scene.suffix == ".json" else options.scene.parent

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.cli import run
+from pipeline.devices import chosen_device
 from pipeline.errors import UserError
 from pipeline.files import write_text
 from pipeline.frames import frame_path, load_checkpoint, save_checkpoint, write_frame
@@ -53,7 +54,7 @@ def take_steps(solver, number: int, seconds: tuple[float, float] = (0.0, float("
     number : of steps.
     seconds : on a computer that does nothing else, at least and at most, whatever the number: what others take of it
         does not leave the solves less time to settle.
-    threads : of the solver.
+    threads : of the solver on the CPU.
     """
     found, began, before = [], time.process_time(), clocks()
     parts = {}
@@ -125,7 +126,7 @@ def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase],
                     mix_ahead(solver, phase.middle - mixed)
                 steps = take_steps(solver, max(FEWEST, STEPS // len(phases)),
                                    (SHORTEST / len(phases), seconds / len(phases)),
-                                   scene.numerics.threads or useful_threads())
+                                   1 if solver.on_gpu else scene.numerics.threads or useful_threads())
                 found.append(dataclasses.asdict(phase) | settled(steps) | {"steps": len(steps)})
                 if phase.fill is None:
                     state, mixed = solver.state(), phase.middle
@@ -195,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from sim.errors import RunError
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, scene.numerics.threads)
+    initialize(scene.numerics.precision, scene.numerics.threads, chosen_device(None, scene, options.scene))
     imports = usage()
     try:
         if options.rehearse:

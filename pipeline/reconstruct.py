@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from pipeline.cli import run
+from pipeline.devices import HELP, chosen_device
 from pipeline.droplets import DROPLET_PARTICLES
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder
@@ -76,16 +77,18 @@ def main(arguments: list[str] | None = None) -> None:
                         help="write each surface in this format too (default: `output.formats` of the scene)")
     parser.add_argument("--threads", type=int, default=0, metavar="N",
                         help="threads of the field (default 0: as many as are useful)")
+    parser.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
     options = parser.parse_args(arguments)
 
     from pipeline.scene import load_resolved
     from sim.runtime import initialize
 
     scene, threads = load_resolved(options.scene), checked_threads(options.threads, "--threads")
+    device = chosen_device(options.device, scene, options.scene)
     if options.format and scene.dimension == 2:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
-    initialize("f32", threads)
+    initialize("f32", threads, device)
     reconstructor = Reconstructor(
         load_initial(options.initial), len(scene.liquids), cell_ratio=scene.output.cell_ratio,
         method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations,

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.advise import report_of, text_of
 from pipeline.blocks import contains
 from pipeline.cli import run
+from pipeline.devices import HELP, chosen_device
 from pipeline.errors import UserError
 from pipeline.files import replacing_folder, write_text
 from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
@@ -371,7 +372,10 @@ def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
 def print_timings(solver) -> None:
     """One line per part of the solver: seconds and share."""
     total = sum(solver.seconds.values()) or 1.0
-    print(f"{solver.step_count} steps so far, {solver.bytes() / 2**20:.0f} MiB of fields and rows; seconds by part:")
+    from sim.runtime import device
+
+    print(f"{solver.step_count} steps so far, {solver.bytes() / 2**20:.0f} MiB of fields and rows, device {device()}; "
+          "seconds by part:")
     for name, seconds in sorted(solver.seconds.items(), key=lambda item: -item[1]):
         print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
 
@@ -379,11 +383,12 @@ def print_timings(solver) -> None:
 def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
     """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON)."""
     from sim.costs import allocated, costs
+    from sim.runtime import device
 
     parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
     numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
                "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None],
-               "scheme": solver.scheme.name, "notes": solver.notes}
+               "scheme": solver.scheme.name, "device": device(), "notes": solver.notes}
     write_text(path, json.dumps(numbers | {"parts": parts}, indent=1) + "\n")
 
 
@@ -399,6 +404,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--costs", type=Path, metavar="FILE.json", help="what every effect has cost (default: not written)")
     p.add_argument("--threads", type=int, metavar="N",
                    help="threads of the solver, 0 for as many as are useful (default: numerics.threads of the scene)")
+    p.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
     return p
 
 
@@ -407,6 +413,7 @@ def main() -> None:
     arguments = parser().parse_args()
     scene = load_resolved(arguments.scene)
     threads = chosen_threads(arguments.threads, scene, arguments.scene)
+    device = chosen_device(arguments.device, scene, arguments.scene)
     if not 0 <= arguments.segment < scene.segment_count:
         last = scene.segment_count - 1
         raise UserError(f"--segment is {arguments.segment}, but {scene.name} has segments 0 to {last}")
@@ -423,7 +430,7 @@ def main() -> None:
     from sim.costs import counted_launches
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, threads)
+    initialize(scene.numerics.precision, threads, device)
     try:
         runner = Runner(None, functools.partial(build_solver, scene, initial), fits)
     except OverflowError as error:

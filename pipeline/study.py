@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from pipeline.cli import run
+from pipeline.devices import HELP, checked_device
 from pipeline.files import replacing_folder
 from pipeline.study_model import Outcome
 from pipeline.study_plan import Case, load_study, study_names
@@ -19,17 +20,22 @@ from pipeline.threads import checked_threads
 OUTPUTS = Path("outputs/studies")
 
 
-def run_case(case: Case, threads: int = 0) -> Outcome:
+def precision_of(case: Case) -> str:
+    """Return the precision of a case: rounding must not be what is measured, unless the case asks for that."""
+    return getattr(case.parameters, "precision", "f64")
+
+
+def run_case(case: Case, threads: int = 0, device: str = "cpu") -> Outcome:
     """Run one case and return what it measured, every row with the seconds it took.
 
     Parameters
     ----------
     threads : of the solver, 0 for as many as are useful.
+    device : of the solver.
     """
     from sim.runtime import initialize
 
-    # A reference is compared with: rounding must not be what is measured, unless a case asks for that.
-    initialize(getattr(case.parameters, "precision", "f64"), threads)
+    initialize(precision_of(case), threads, device)
     begin = time.perf_counter()
     outcome = case.run()
     outcome.case = case.name
@@ -48,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
                    help="folder to write (default outputs/studies/<study>/<level>, of a case cases/<case> in it)")
     p.add_argument("--threads", type=int, default=0, metavar="N",
                    help="threads of the solver (default 0: as many as are useful)")
+    p.add_argument("--device", default="auto", help=f"{HELP} (default auto)")
     p.add_argument("--list", action="store_true", help="print the names of the cases and stop")
     return p
 
@@ -61,18 +68,19 @@ def main() -> None:
         print("\n".join(study.cases))
         return
     folder = OUTPUTS / study.name / study.accuracy
+    cases = [study.case(arguments.case)] if arguments.case else list(study.cases.values())
+    devices = [checked_device(arguments.device, "--device", precision_of(case)) for case in cases]
     if arguments.case:
-        target = arguments.output or folder / "cases" / arguments.case
-        _run_into(study.case(arguments.case), target, threads)
+        _run_into(cases[0], arguments.output or folder / "cases" / arguments.case, threads, devices[0])
         return
     folder = arguments.output or folder
-    for case in study.cases.values():
-        _run_into(case, folder / "cases" / case.name, threads)
+    for case, device in zip(cases, devices, strict=True):
+        _run_into(case, folder / "cases" / case.name, threads, device)
     write_study(study, [folder / "cases" / name for name in study.cases], folder)
 
 
-def _run_into(case: Case, folder: Path, threads: int) -> None:
-    outcome = run_case(case, threads)
+def _run_into(case: Case, folder: Path, threads: int, device: str) -> None:
+    outcome = run_case(case, threads, device)
     with replacing_folder(folder) as partial:
         outcome.write(partial)
 

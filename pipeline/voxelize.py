@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from pipeline import container
 from pipeline.cli import run
+from pipeline.devices import HELP, chosen_device
 from pipeline.errors import UserError
 from pipeline.eye import read_mesh
 from pipeline.files import replacing, write_text
@@ -65,7 +66,7 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     check_points_inside(scene, mesh, distance, source)
     walls = wall_layers(distance, spacing, numerics.wall_layers)
     fluid = deepest_points(distance, *mesh.bounds, count, spacing)
-    initialize(numerics.precision, numerics.threads)
+    initialize(numerics.precision, numerics.threads, numerics.device)
     try:
         fluid, compression = pack(fluid, np.full(count, volume / count), walls["wall_position"], walls["wall_volume"],
                                   spacing, numerics.support_ratio, PACKING_ITERATIONS)
@@ -131,11 +132,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--report", type=Path, required=True, help="report to write (voxelize.json)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads of the packing, 0 for as many as are useful "
                                                                  "(default: numerics.threads of the scene)")
+    parser.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
     scene = load_resolved(options.scene)
     threads = chosen_threads(options.threads, scene, options.scene)
-    scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, threads=threads))
+    device = chosen_device(options.device, scene, options.scene)
+    scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, threads=threads, device=device))
     if scene.container is None:
         arrays, report = voxelize(scene, read_mesh(options.mesh), str(options.scene))
         filled = f"{100 * report['relative_volume_error']:+.2f} % of the mesh"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from pipeline.cli import describe, reason
+from pipeline.devices import checked_device, chosen_device
 from pipeline.digest import stage_digest
 from pipeline.errors import UserError
 from pipeline.files import remove_left_over, write_text
@@ -25,7 +26,8 @@ from pipeline.threads import chosen_threads, solver_threads
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
-KEYS = ("scenes", "accuracy")
+KEYS = ("scenes", "accuracy", "device")
+DEVICE = "--config device"
 
 
 def stop(*messages: str) -> NoReturn:
@@ -68,6 +70,7 @@ class Workflow:
     names : scenes that ``all`` makes.
     levels : names of all accuracy levels; each has a folder of its own in that of a scene.
     accuracy : level at which ``all`` and the studies are made.
+    device : option of every stage that starts the solver, empty where the scenes decide.
     """
 
     def __init__(self, config: Mapping[str, object]):
@@ -84,6 +87,10 @@ class Workflow:
         if self.accuracy not in self.levels:
             stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
                  f"{nearest(self.accuracy, self.levels)}")
+        self._device = config.get("device")
+        if self._device is not None:
+            _read(checked_device, self._device, DEVICE)
+        self.device = "" if self._device is None else f"--device {self._device}"
         self._scenes: dict[tuple[str, str], Scene] = {}
 
     @property
@@ -97,6 +104,7 @@ class Workflow:
             path = SCENES / f"{name}.yaml"
             scene = self._scenes[name, level] = _read(load_scene, path, level)
             _read(chosen_threads, None, scene, path)
+            _read(chosen_device, self._device, scene, path, DEVICE)
         return self._scenes[name, level]
 
     def threads(self, name: str, level: str, cores: int) -> int:

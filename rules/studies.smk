@@ -22,7 +22,7 @@ rule study_case:
     threads: lambda w: studies.threads(w.study, w.level, w.case, workflow.cores)
     shell:
         "python -m pipeline.study {wildcards.study} --case {wildcards.case} --accuracy {wildcards.level}"
-        " --threads {threads} --output {output} 2>&1 | tee {log}"
+        " --threads {threads} {flow.device} --output {output} 2>&1 | tee {log}"
 
 
 for name in studies.names:

@@ -4,38 +4,70 @@ import os
 
 import numpy as np
 import taichi as ti
+from taichi.lang.impl import current_cfg
 
 from sim.cores import available_cores, useful_threads
+from sim.devices import AUTO, best_device
 
 _started: dict[str, object] = {}
+_packed_field = ti.field
 
 
-def initialize(precision: str = "f32", threads: int = 0) -> None:
-    """Start Taichi on the CPU; a second call with the same arguments does nothing.
+class NoDevice(RuntimeError):
+    """Taichi finds no such device on this computer."""
+
+
+def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") -> None:
+    """Start Taichi; a second call with the same arguments does nothing.
 
     Parameters
     ----------
     precision : "f32" or "f64", the type of every real field and literal.
-    threads : number of worker threads; 0 for as many as Taichi runs with already, else as many as are useful here.
+    threads : number of worker threads; 0 for as many as Taichi runs with already, else as many as are useful here;
+        without meaning on a GPU.
+    device : one of ``sim.devices.DEVICES``; "auto" for that on which Taichi runs already, else the best one here.
 
     Raises
     ------
     RuntimeError
-        When Taichi already runs with other arguments: one process has one precision and one thread count.
+        When Taichi already runs with other arguments: one process has one precision, thread count and device.
+    NoDevice
+        Where Taichi would fall back to the CPU.
     """
-    wanted = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads()}
+    wanted = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads(),
+              "device": _started.get("device") or best_device() if device == AUTO else device}
     if _started:
         if _started != wanted:
             raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")
         return
-    before = _own_threads()
+    before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(
-            arch=ti.cpu, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
+            arch=arch, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
             cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR,
         )
+    if current_cfg().arch != arch:
+        ti.reset()
+        raise NoDevice(f"Taichi finds no device {wanted['device']}")
+    ti.field = _packed_field if wanted["device"] in ("cpu", "cuda") else _field_apart
     _started.update(wanted)
-    _bind(sorted(_own_threads() - before)[-wanted["threads"]:])
+    if wanted["device"] == "cpu":
+        _bind(sorted(_own_threads() - before)[-wanted["threads"]:])
+
+
+def _field_apart(dtype, shape: int | tuple[int, ...] = (), **more):
+    """A field as `ti.field` makes it; one in double precision has a memory of its own.
+
+    For Vulkan and Metal, Taichi 1.7.4 lays fields side by side without gaps, and one of 8 bytes that begins 4 bytes off
+    silently overlaps the field before it (https://github.com/taichi-dev/taichi/issues/8803).
+    """
+    if dtype != ti.f64:
+        return _packed_field(dtype, shape=shape, **more)
+    field, memory = _packed_field(dtype, **more), ti.FieldsBuilder()
+    sides = (shape,) if isinstance(shape, int) else shape
+    (memory.dense(ti.axes(*range(len(sides))), sides) if sides else memory).place(field)
+    memory.finalize()
+    return field
 
 
 def _own_threads() -> set[int]:
@@ -64,9 +96,12 @@ def shut_down() -> None:
     _started.clear()
 
 
-def restart() -> None:
-    """Free all fields of this process and start Taichi again as it was; solvers made before are void."""
-    arguments = dict(_started)
+def restart(**changes: object) -> None:
+    """Free all fields of this process and start Taichi again as it was, but for changed arguments of `initialize`.
+
+    Solvers made before are void.
+    """
+    arguments = _started | changes
     shut_down()
     initialize(**arguments)
 
@@ -74,6 +109,11 @@ def restart() -> None:
 def threads() -> int:
     """Worker threads of this process."""
     return int(_started["threads"])
+
+
+def device() -> str:
+    """Device of this process."""
+    return str(_started["device"])
 
 
 def real():

@@ -1,6 +1,7 @@
 """The validated scene as the solver sees it: frozen, SI, without paths."""
 import dataclasses
 
+from sim.devices import AUTO, DEVICES
 from sim.parameters import parameter
 
 
@@ -41,6 +42,9 @@ class Numerics:
                                          meaning="the run stops with a diagnosis below this time step")
     wall_layers: int = parameter(3, minimum=2, maximum=4, meaning="layers of wall particles")
     threads: int = parameter(0, minimum=0, maximum=256, meaning="threads of the solver; 0 takes as many as are useful")
+    device: str = parameter("auto", choices=(AUTO, *DEVICES),
+                            meaning="device of the solver; auto takes cuda where there is an NVIDIA GPU, else cpu; "
+                                    "threads mean nothing on a GPU")
     seed: int = parameter(0, minimum=0, meaning="seed of random choices (directions in which particles split)")
 
 

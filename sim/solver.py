@@ -13,7 +13,7 @@ from sim.lazy import without_idle
 from sim.neighbor_rows import HEAD_ROOM
 from sim.neighbor_search import NeighborSearch, corners
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
-from sim.runtime import real_numpy
+from sim.runtime import device, real_numpy
 from sim.settings import Settings
 from sim.signed_distance import SignedDistance
 from sim.smoothing_kernels import KERNELS
@@ -77,6 +77,7 @@ class Solver:
         self.seconds: dict[str, float] = {}  # by the clock, of every timed part
         self.cpu_seconds: dict[str, float] = {}  # of all cores
         self.watcher: Watcher | None = None
+        self.on_gpu = device() != "cpu"
 
         order = [type(p) for p in settings.effects]
         classes = [c for c in effect_registry.REGISTRY.values() if c.Parameters in order]
@@ -239,6 +240,8 @@ class Solver:
     def timed(self, name, function, *arguments):
         start, cpu_start = time.perf_counter(), time.process_time()
         result = function(*arguments)
+        if self.on_gpu:  # else the time would count for the next part that waits
+            ti.sync()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.cpu_seconds[name] = self.cpu_seconds.get(name, 0.0) + time.process_time() - cpu_start
         if self.watcher:

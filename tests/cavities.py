@@ -99,6 +99,11 @@ def injected(arrays, precision: str, more=(), **changes) -> Solver:
                  maximum_time_step=1e-3)
 
 
+def part(arrays, name: str) -> dict[str, np.ndarray]:
+    """Return the arrays whose names begin with `name` and a point, without that."""
+    return {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
+
+
 def main(precision: str, threads: str, source: str, target: str, *cases: str) -> None:
     """Advance the cases from the cavity in one file and write their results into another."""
     from sim.runtime import initialize

@@ -122,7 +122,8 @@ def segment(cpu_seconds, launches):
     parts = [costs.Cost("particles", 2, 80, 4, 2 * launches), costs.Cost(
         "gravity", 1, 16, 0, 0, cpu_seconds, cpu_seconds, ("body_acceleration",))]
     return {"steps": 4, "timed_steps": 2, "allocated_bytes": 96, "launches": 2 * launches, "particles": 10,
-            "notes": ["drift is left out: its coefficient is 0"], "parts": [dataclasses.asdict(part) for part in parts]}
+            "device": "vulkan", "notes": ["drift is left out: its coefficient is 0"],
+            "parts": [dataclasses.asdict(part) for part in parts]}
 
 
 def test_segments_are_added_up():
@@ -139,4 +140,5 @@ def test_page_names_what_is_not_called_for(project):
     segments = [segment(1.0, 4)]
     page = page_of(scene, add_up(segments), segments)
     assert "not called for" in page.lower() and "drift" in page and "body acceleration" in page
+    assert "volume_incompressible on vulkan." in page
     assert "its coefficient is 0." in page

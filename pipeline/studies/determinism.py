@@ -82,11 +82,10 @@ PRECISION = "single against double precision"
 
 
 def start_taichi(precision: str, threads: int) -> None:
-    """Start Taichi anew."""
-    from sim.runtime import initialize, shut_down
+    """Start Taichi anew, on the same device."""
+    from sim.runtime import restart
 
-    shut_down()
-    initialize(precision, threads)
+    restart(precision=precision, threads=threads)
 
 
 def everything(case: Parameters):

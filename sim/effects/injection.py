@@ -150,14 +150,16 @@ class Injection(Effect):
         n = self.count[None]
         for which, k in self.histogram:
             self.histogram[which, k] = 0
+        # Not within blocks: Mesa's Vulkan on the CPU (22.3) leaves a loop early that has an atomic operation in it.
+        for i in range(n):
+            for which in ti.static(range(3)):
+                if self.particles.phase[i] == self.liquid_of[which]:
+                    ti.atomic_add(self.histogram[which, self._bin(which, i)], 1)
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 if self.particles.phase[i] == self.entering:
                     total += self.particles.volume[i]
-                for which in ti.static(range(3)):
-                    if self.particles.phase[i] == self.liquid_of[which]:
-                        ti.atomic_add(self.histogram[which, self._bin(which, i)], 1)
             self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
