@@ -6,8 +6,9 @@ The loop over the neighbors of i is the same everywhere:
         k = rows.entry(i, slot)
         ... rows.index[k], rows.gradient[k], rows.weight[k]
 
-Rows lie one behind the other without gaps, and the components of a gradient side by side: every pass over all pairs
-then streams through memory once, which is what it costs on a processor.
+Rows lie one behind the other without gaps, every component of a gradient in an array of its own: a pass over all pairs
+then streams through memory once and fills the vector registers of a processor without picking components apart (a
+product with the pressure matrix takes three quarters of the time that it takes with the components side by side).
 """
 import math
 
@@ -62,7 +63,7 @@ class NeighborRows:
         self.count = ti.field(ti.i32, shape=max(rows, 1))
         self.start = ti.field(ti.i32, shape=max(rows, 1))
         self.index = ti.field(ti.i32, shape=self.entries)
-        self.gradient = ti.Vector.field(dimension, real(), shape=self.entries)
+        self.gradient = ti.Vector.field(dimension, real(), shape=self.entries, layout=ti.Layout.SOA)
         self.weight = ti.field(real(), shape=self.entries)
         self.member = ti.field(ti.i32, shape=max(rows, 1))
         self.needed, self.member_count = (ti.field(ti.i32, shape=()) for _ in range(2))
@@ -76,7 +77,7 @@ class NeighborRows:
     def per_entry(self, components: int = 0, kind=None):
         """Return a field with a number, or a vector of so many components, for every entry."""
         if components:
-            return ti.Vector.field(components, real(), shape=self.entries)
+            return ti.Vector.field(components, real(), shape=self.entries, layout=ti.Layout.SOA)
         return ti.field(kind or real(), shape=self.entries)
 
     @ti.kernel
