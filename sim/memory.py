@@ -5,6 +5,7 @@ from sim import effects as effect_registry
 from sim import schemes
 from sim.lazy import without_idle
 from sim.neighbor_rows import HEAD_ROOM, entries_at_rest
+from sim.neighbor_search import REACH
 from sim.settings import Settings
 from sim.solver import BASE_FIELDS, capacity_for
 
@@ -50,8 +51,9 @@ def bytes_per_particle(settings: Settings, head_room: float = HEAD_ROOM) -> floa
              "liquid_vectors": real * liquids * dimension, "tensor": real * dimension**2}
     buffers = {field.kind for field in fields if field.carried}  # in which fields are sorted, one of a kind
     pairs = head_room * entries_at_rest(1, np.zeros(0), settings.numerics.support_ratio, 1.0, dimension)[0]
+    marks = 4 * (2 * REACH + 1) ** (dimension - 1) * 3 ** sum(period > 0.0 for period in settings.periods)
     return (sum(width[field.kind] for field in fields) + sum(width[kind] for kind in buffers) + SOLVES * real
-            + 2 * ROW + pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings)))
+            + 2 * ROW + marks + pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings)))
 
 
 def _bytes_per_pair(settings: Settings) -> int:
