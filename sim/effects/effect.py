@@ -109,6 +109,11 @@ class Effect:
         """Force of the wall on particle i over its velocity, that `correct_velocity` has counted with, kg/s."""
         return ti.static(None)
 
+    @ti.func
+    def implicit_viscosity(self, i):
+        """Viscosity of particle i that `correct_velocity` has counted with, Pa s."""
+        return ti.static(None)
+
     # State beside the particle fields, for checkpoints.
 
     def state(self) -> dict:

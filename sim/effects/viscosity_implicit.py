@@ -181,3 +181,7 @@ class ViscosityImplicit(Effect):
     @ti.func
     def friction(self, i):
         return self.particles.wall_friction[i]
+
+    @ti.func
+    def implicit_viscosity(self, i):
+        return self.particles.dynamic_viscosity[i]
