@@ -1,4 +1,5 @@
 """The solver: built from settings and arrays, advanced in time, exported and restored bit by bit."""
+import math
 import time
 
 import numpy as np
@@ -260,8 +261,10 @@ class Solver:
                 statistics |= self.timed(effect.name, getattr(effect, hook), *arguments)
         return statistics
 
-    def step(self, largest_step: float = float("inf")) -> float:
+    def step(self, largest_step: float = float("inf"), until: float = float("inf")) -> float:
         """Advance by one time step of at most `largest_step`; return the step taken, s.
+
+        It is shortened to one of equal steps to the time `until`, s: no sliver of a step before a frame.
 
         Raises
         ------
@@ -270,11 +273,13 @@ class Solver:
         """
         self.timed("time step", self._largest_values)
         self._check()
-        dt = min(self._time_step(), largest_step)
-        if dt < self.settings.numerics.minimum_time_step and dt < largest_step:
+        dt, remaining = min(self._time_step(), largest_step), until - self.time
+        if dt < self.settings.numerics.minimum_time_step and dt < min(largest_step, remaining):
             raise Divergence(f"step {self.step_count}: the time step fell to {dt:.3g} s, below "
                              f"{self.settings.numerics.minimum_time_step:.3g} s (numerics.minimum_time_step); "
                              f"{self._largest_in_words()}")
+        if math.isfinite(remaining):
+            dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))
         try:
             statistics = self._step_by(dt)
         except (ValueError, ArithmeticError, IndexError) as error:  # what NumPy and Python make of a nan
@@ -350,14 +355,8 @@ class Solver:
     def advance(self, until: float):
         """Advance to the time `until`, s, exactly; yields after every step."""
         while self.time < until:
-            self._check()
-            remaining = until - self.time
-            limit = self.settings.numerics.time_step or (
-                remaining if self.step_count == 0 else self.stable_time_step())
-            # Equal steps to the end: no sliver of a step before a frame.
-            steps = max(1, int(np.ceil(remaining / limit - 1e-9)))
-            dt = self.step(remaining / steps)
-            if remaining - dt < 1e-9 * self.settings.numerics.maximum_time_step:
+            dt = self.step(until=until)
+            if until - self.time < 1e-9 * self.settings.numerics.maximum_time_step:
                 self.time = until
             yield dt
 

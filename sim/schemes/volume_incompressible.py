@@ -27,6 +27,7 @@ RESISTED = 1.0  # nu dt/dx^2 from which the pressure counts with viscosity; wher
 # pressure only wakes noise (two layers of 1:2 at rest)
 ROTATION_LIMIT = 4.0  # largest nu dt/dx^2 that the pressure counts with: 5 is stable, 7 no longer, where an interface
 # lets particles go that viscosity holds from one side only
+SOFTENING_RATE = 10.0  # share of its unevenness that the pressure of a particle loses, per particle spacing travelled
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
@@ -124,8 +125,29 @@ class VolumeIncompressible(Scheme):
         Without it viscosity answers forces that the solve takes away again only after it, and what is left, in
         proportion to the time step, stirs the oil (incremental pressure correction: van Kan 1986).
         """
+        self._soften(dt)
         self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
         self.operators.accelerate_freely(self.pressure, self.velocity, dt)
+
+    @ti.kernel
+    def _soften(self, dt: float):
+        """Draw the pressure to its mean over the support radius, the more the farther a particle travels in the step.
+
+        It is uneven like the places of the particles, and where they have moved against each other, it pushes them
+        about instead of holding them: at a drain, in steps of a fifth of a spacing, by 6 % more in every step.
+        """
+        for i in range(self.count[None]):
+            weight = self.volume[i] * self.search.kernel.at_zero
+            total = weight * self.pressure[i]
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
+                total += self.pairs.weight[k] * self.pressure[self.pairs.index[k]]
+                weight += self.pairs.weight[k]
+            travel = dt * self.solver.velocity_at_start[i].norm() / self.spacing
+            share = ti.min(1.0, SOFTENING_RATE * travel)
+            self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])
+        for i in range(self.count[None]):
+            self.pressure[i] = self.pressure_change[i]
 
     def _solve(self, dt: float, tolerance: float) -> dict[str, float]:
         """Find the change of the pressure that frees the velocity of its divergence."""
