@@ -6,13 +6,14 @@ smoothed; behind the wall, ghost nodes carry the slope that the contact angle as
 import numpy as np
 import taichi as ti
 
-from sim.reductions import blocks, first, last, partial_results, running_total
+from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy, threads
 from sim.signed_distance import SignedDistance
 
 SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings
 COLOR_TO_DISTANCE = 0.62  # slope of the splatted color at a plane interface: phi = 0.62 * 2 dx (C - 1/2)
 GHOST_DEPTH = 2.6  # depth of the ghost nodes, in particle spacings
+SHALLOW = 2.0  # depth of those that nodes inside are next to, and images of ghosts lie between, in cells
 WALL_DEPTH = 0.5  # nodes less than this deep in the liquid stand for the wall, in cells: the nearest ones to it
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
@@ -48,7 +49,7 @@ class LevelSet:
         self.normal = ti.Vector.field(self.dimension, real(), shape=size, layout=ti.Layout.SOA)
         # Active nodes inside the cavity, then the rim: those behind the wall whose edges may reach inside.
         self.band = ti.field(ti.i32, shape=size)
-        self.band_count, self.band_and_rim_count = (ti.field(ti.i32, shape=()) for _ in range(2))
+        self.band_count, self.band_and_rim_count, self.shallow_count = (ti.field(ti.i32, shape=()) for _ in range(3))
         self.mixed = ti.field(ti.i32, shape=solver.particles.capacity)
         self.wall_color = ti.field(real(), shape=max(self.walls.count, 1))
         self.mixes = mixes
@@ -65,12 +66,14 @@ class LevelSet:
         # Two slabs for every thread, as they are not alike; what comes of them is the same with any number.
         self.slab = max(NARROWEST_SLAB, -(-self.grid.shape[self.last] // (2 * threads())))
         self.slabs = -(-self.grid.shape[self.last] // self.slab)
-        self.partial = partial_results(2)
+        self.partial = partial_results(3)
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
 
     def _find_ghosts(self):
-        """Static list of nodes behind the wall with their image points inside, and the wall's mean curvature."""
+        """Static list of nodes behind the wall, the shallow ones first, with their image points inside, and the wall's
+        mean curvature.
+        """
         grid, cell = self.grid, self.cell
         distance = grid.values.to_numpy().astype(float).reshape(grid.shape)
         gradient = np.stack(np.gradient(distance, cell), -1)
@@ -79,6 +82,7 @@ class LevelSet:
         inner = np.zeros(grid.shape, bool)
         inner[(slice(2, -2),) * grid.dimension] = True
         ghost = np.flatnonzero(((distance > 0) & (distance <= GHOST_DEPTH * self.spacing) & inner).ravel())
+        ghost = ghost[np.argsort(distance.ravel()[ghost] > SHALLOW * cell, kind="stable")]  # the shallow ones first
         depth = distance.ravel()[ghost]
         normal, curvature = normal.reshape(-1, grid.dimension)[ghost], curvature.ravel()[ghost]
         node = np.stack(np.unravel_index(ghost, grid.shape), -1)
@@ -87,7 +91,7 @@ class LevelSet:
         # Curvature of the wall itself: 1/R at the surface is larger than 1/(R + depth) at the node.
         at_wall = curvature / np.maximum(1.0 - depth * curvature, 0.2)
         limit = 1.0 / (4.0 * self.spacing)
-        self.ghost_count = len(ghost)
+        self.ghost_count, self.shallow_ghosts = len(ghost), int((depth <= SHALLOW * cell).sum())
         size = max(len(ghost), 1)
         self.ghost_node, self.active_ghost = (ti.field(ti.i32, shape=size) for _ in range(2))
         self.active_ghost_count = ti.field(ti.i32, shape=())
@@ -110,6 +114,7 @@ class LevelSet:
         for _ in range(SMOOTHING_PASSES // 2):
             self._smooth(self.phi, self.phi_next)
             self._smooth(self.phi_next, self.phi)
+        self._extend_to_deep_ghosts()
         self._measure()
         self.started[None] = 1
 
@@ -265,7 +270,7 @@ class LevelSet:
 
     @ti.kernel
     def _find_band(self):
-        """phi from the sums, and the lists of nodes inside the cavity, behind its wall, and of ghosts that matter."""
+        """phi from the sums, and the lists of nodes inside the cavity, behind its wall, and of ghosts near the interface."""
         size, ghosts = self.grid.size, self.ghost_count
         for block in range(blocks(size)):
             total = 0
@@ -290,16 +295,20 @@ class LevelSet:
         for block in range(blocks(ghosts)):
             rim = 0
             active = 0
+            shallow = 0
             for k in range(first(block, ghosts), last(block, ghosts)):
                 rim += ti.cast(self._in_rim(k), ti.i32)
                 active += ti.cast(self.weight[self.ghost_node[k]] > 0.0, ti.i32)
+                shallow += ti.cast(self.weight[self.ghost_node[k]] > 0.0 and k < self.shallow_ghosts, ti.i32)
             self.partial[0, block] = rim
             self.partial[1, block] = active
+            self.partial[2, block] = shallow
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.band_and_rim_count[None] = self.band_count[None] + ti.cast(
                 running_total(self.partial, 0, ghosts), ti.i32)
             self.active_ghost_count[None] = ti.cast(running_total(self.partial, 1, ghosts), ti.i32)
+            self.shallow_count[None] = ti.cast(total_of(self.partial, 2, ghosts), ti.i32)
         for block in range(blocks(ghosts)):
             rim = self.band_count[None] + ti.cast(self.partial[0, block], ti.i32)
             active = ti.cast(self.partial[1, block], ti.i32)
@@ -310,9 +319,9 @@ class LevelSet:
                 if self.weight[self.ghost_node[k]] > 0.0:
                     self.active_ghost[active] = k
                     active += 1
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._extend_to_ghost(self.phi, self.active_ghost[slot])
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._take_ghost(self.phi, self.active_ghost[slot])
 
     @ti.func
@@ -350,9 +359,9 @@ class LevelSet:
                     square += ti.max(ti.min(back, 0.0) ** 2, ti.max(ahead, 0.0) ** 2)
             sign = p / ti.sqrt(p * p + self.cell * self.cell)
             target[n] = p - self.redistancing_step * sign * (ti.sqrt(square) - 1.0)
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._extend_to_ghost(target, self.active_ghost[slot])
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._take_ghost(target, self.active_ghost[slot])
 
     @ti.kernel
@@ -369,10 +378,18 @@ class LevelSet:
                     w *= ti.static(0.5 if offset[d] == 0 else 0.25)
                 total += w * phi[index]
             target[n] = total
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._extend_to_ghost(target, self.active_ghost[slot])
-        for slot in range(self.active_ghost_count[None]):
+        for slot in range(self.shallow_count[None]):
             self._take_ghost(target, self.active_ghost[slot])
+
+    @ti.kernel
+    def _extend_to_deep_ghosts(self):
+        """The same for the ghosts that only what reads the finished phi comes to."""
+        for slot in range(self.shallow_count[None], self.active_ghost_count[None]):
+            self._extend_to_ghost(self.phi, self.active_ghost[slot])
+        for slot in range(self.shallow_count[None], self.active_ghost_count[None]):
+            self._take_ghost(self.phi, self.active_ghost[slot])
 
     @ti.func
     def gradient(self, n):
