@@ -161,35 +161,46 @@ class LevelSet:
         return index
 
     @ti.func
+    def _nodes(self, middle, half, axis: ti.template()):
+        """First node within `half` of `middle`, in cells, along an axis, and the one after the last."""
+        low = ti.cast(ti.ceil(middle - half), ti.i32)
+        high = ti.cast(ti.floor(middle + half), ti.i32) + 1
+        return ti.max(low, 0), ti.min(high, self.grid.shape[axis])
+
+    @ti.func
+    def _splat_row(self, base, middle, rest, color, contrast, begin, end):
+        """Add to the nodes of a row, from `base` on, whose square distance to the particle is below the radius's by
+        `rest` less that along the row, in cells.
+        """
+        radius = SPLAT_RADIUS * self.spacing / self.cell
+        low, high = self._nodes(middle, ti.sqrt(ti.max(rest, 0.0)), self.last)
+        for k in range(ti.max(low, begin), ti.min(high, end)):
+            step = k - middle
+            q = ti.min(ti.sqrt(radius * radius - rest + step * step) / radius, 1.0)
+            s = 1.0 - q
+            w = (s * s) * (s * s) * (4.0 * q + 1.0)
+            # Not "+=": that would be an atomic addition, though nobody else writes here.
+            n = base + k
+            self.weight[n] = self.weight[n] + w
+            self.phi_next[n] = self.phi_next[n] + w * color
+            if ti.static(self.mixes):
+                self.contrast[n] = self.contrast[n] + w * contrast
+
+    @ti.func
     def _splat_one(self, x, color, contrast, begin, end):
         """Add one particle to the sums of the nodes begin .. end - 1 along the last axis within the splat radius."""
-        radius = SPLAT_RADIUS * self.spacing
-        center = self._nearest_node(x)
-        for row in ti.grouped(ti.ndrange(*((-self.reach, self.reach + 1),) * (self.dimension - 1))):
-            first_node = center
-            for d in ti.static(range(self.dimension - 1)):
-                first_node[d] += row[d]
-            first_node[self.last] = 0
-            away = self.grid.origin + first_node * self.cell - x
-            away[self.last] = 0.0
-            rest = radius * radius - away.norm_sqr()
-            if rest > 0.0:
-                half = ti.sqrt(rest)
-                along = (x[self.last] - self.grid.origin[self.last]) / self.cell
-                low = ti.cast(ti.ceil(along - half / self.cell), ti.i32)
-                high = ti.cast(ti.floor(along + half / self.cell), ti.i32)
-                base = self._flat(first_node)
-                for k in range(ti.max(low, begin), ti.min(high + 1, end)):
-                    step = (k - along) * self.cell
-                    q = ti.sqrt(radius * radius - rest + step * step) / radius
-                    s = 1.0 - q
-                    w = (s * s) * (s * s) * (4.0 * q + 1.0)
-                    # Not "+=": that would be an atomic addition, though nobody else writes here.
-                    n = base + k
-                    self.weight[n] = self.weight[n] + w
-                    self.phi_next[n] = self.phi_next[n] + w * color
-                    if ti.static(self.mixes):
-                        self.contrast[n] = self.contrast[n] + w * contrast
+        radius = SPLAT_RADIUS * self.spacing / self.cell
+        place = (x - self.grid.origin) / self.cell
+        low, high = self._nodes(place[0], radius, 0)
+        for i in range(low, high):
+            rest = radius * radius - (i - place[0]) ** 2
+            if ti.static(self.dimension == 2):
+                self._splat_row(i * self.steps[0], place[1], rest, color, contrast, begin, end)
+            else:
+                low_j, high_j = self._nodes(place[1], ti.sqrt(ti.max(rest, 0.0)), 1)
+                for j in range(low_j, high_j):
+                    self._splat_row(i * self.steps[0] + j * self.steps[1], place[2], rest - (j - place[1]) ** 2, color,
+                                    contrast, begin, end)
 
     @ti.func
     def _set_far(self, x, value, begin, end):

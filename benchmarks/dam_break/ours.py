@@ -18,8 +18,8 @@ TOLERANCES = {"dfsph": {"density_error": dam.DENSITY_ERROR, "divergence_error": 
                         "minimum_iterations": dam.LEAST_ITERATIONS}}
 
 
-def build(scheme: str, n: int) -> Solver:
-    """Return the solver with the cube in the left half of the box."""
+def build(scheme: str, n: int, time_step: float = dam.TIME_STEP) -> Solver:
+    """Return the solver with the cube in the left half of the box, and steps of `time_step`, s."""
     spacing = 1.0 / n
     arrays = shape_arrays("box", (2.0, 2.0, 1.0), spacing, dimension=3, wall_layers=2)
     position = arrays["fluid_position"]
@@ -30,7 +30,7 @@ def build(scheme: str, n: int) -> Solver:
         effects=(REGISTRY["gravity"].Parameters(magnitude=dam.GRAVITY),
                  REGISTRY["viscosity"].Parameters(wall="free_slip")), scheme=parameters,
         numerics=Numerics(particle_spacing=spacing, scheme=scheme, kernel="cubic_spline", support_ratio=2.0,
-                          precision="f32", time_step=dam.TIME_STEP, maximum_time_step=dam.TIME_STEP, courant_number=1.0,
+                          precision="f32", time_step=time_step, maximum_time_step=time_step, courant_number=1.0,
                           pressure_tolerance=dam.DENSITY_ERROR))
     names = ("wall_position", "wall_volume", "sdf_values", "sdf_origin", "sdf_cell", "cavity_volume")
     return Solver(settings, fluid_position=position[cube], fluid_volume=arrays["fluid_volume"][cube],
