@@ -262,8 +262,8 @@ class LevelSet:
         """First and last layer of search cells whose particles reach nodes begin .. end - 1 along the last axis."""
         reach = SPLAT_RADIUS * self.spacing + self.cell
         offset = self.grid.origin[self.last] - self.search.origin[self.last]
-        low = ti.cast(ti.floor((offset + begin * self.cell - reach) / self.search.cell), ti.i32)
-        high = ti.cast(ti.floor((offset + (end - 1) * self.cell + reach) / self.search.cell), ti.i32)
+        low = ti.cast(ti.floor((offset + begin * self.cell - reach) / self.search.cell[self.last]), ti.i32)
+        high = ti.cast(ti.floor((offset + (end - 1) * self.cell + reach) / self.search.cell[self.last]), ti.i32)
         if begin == 0:
             low = 0
         if end == self.grid.shape[self.last]:

@@ -15,8 +15,9 @@ from sim.neighbor_rows import COUNTING_SLACK, HEAD_ROOM, NeighborRows, entries_a
 from sim.reductions import blocks, first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
 
-REACH = 2  # cells on each side that can hold neighbors
-MARKS = 31  # candidates in a row of cells that marks have room for
+REACH = (4, 1, 1)  # cells on each side, along each axis, that can hold neighbors. Long rows of candidates, narrow at their
+# ends only, fill the vector registers: 9 rows of 20 to 35 take half the time of 25 rows of 5 to 10, though they hold more
+MARKS = 63  # candidates in a row of cells that marks have room for
 EACH = -1  # instead of marks: look at each candidate
 
 
@@ -63,11 +64,11 @@ class NeighborSearch:
         self.image_count = len(images)
         self.image = ti.Vector.field(self.dimension, real(), shape=len(images))
         self.image.from_numpy(images.astype(real_numpy()))
-        # Cells of half the support: 5^d of them hold 40 % fewer candidates than 3^d cells of the whole support.
-        self.cell = 0.5 * h * (1.0 + 1e-6)
-        self.origin_numpy = np.asarray(lower) - (REACH + 0.5) * self.cell
+        reach = np.array(REACH[:self.dimension])
+        self.cell = tuple(float(size) for size in h * (1.0 + 1e-6) / reach)
+        self.origin_numpy = np.asarray(lower) - (reach + 0.5) * self.cell
         self.origin = ti.Vector([float(v) for v in self.origin_numpy])
-        self.shape = tuple(int(n) for n in np.ceil((np.asarray(upper) - self.origin_numpy) / self.cell) + REACH + 1)
+        self.shape = tuple(int(n) for n in np.ceil((np.asarray(upper) - self.origin_numpy) / self.cell) + reach + 1)
         self.strides = [1]
         for n in self.shape[:-1]:
             self.strides.append(self.strides[-1] * n)
@@ -75,15 +76,15 @@ class NeighborSearch:
         self.cell_start = ti.field(ti.i32, shape=self.cells + 1)
         self.cell_fill = ti.field(ti.i32, shape=self.cells + 1)
         self.cell_of = ti.field(ti.i32, shape=particles.capacity)
-        steps = range(-REACH, REACH + 1)
+        steps = [range(-cells, cells + 1) for cells in REACH]
         offsets = [dy * self.strides[1] + (dz * self.strides[2] if self.dimension == 3 else 0)
-                   for dz in (steps if self.dimension == 3 else (0,)) for dy in steps]
+                   for dz in (steps[2] if self.dimension == 3 else (0,)) for dy in steps[1]]
         self.row_count = len(offsets)
         self.row_offset = ti.field(ti.i32, shape=self.row_count)
         self.row_offset.from_numpy(np.array(offsets, dtype=np.int32))
         # For every particle and row of cells, a bit for each candidate that is a neighbor: counting, which the vector
-        # registers do, finds them, so that writing need not look at the four times as many candidates again.
-        self.marks = ti.field(ti.i32, shape=(particles.capacity, self.image_count * self.row_count))
+        # registers do, finds them, so that writing need not look at the several times as many candidates again.
+        self.marks = ti.field(ti.i64, shape=(particles.capacity, self.image_count * self.row_count))
 
         position, volume, depth = wall_arrays
         order, start = self._sort_walls(position)
@@ -110,8 +111,8 @@ class NeighborSearch:
         """Linear index of the cell of x, clamped to the cells that have neighbors on every side."""
         index = 0
         for d in ti.static(range(self.dimension)):
-            c = ti.cast(ti.floor((x[d] - self.origin[d]) / self.cell), ti.i32)
-            index += ti.min(ti.max(c, REACH), self.shape[d] - 1 - REACH) * self.strides[d]
+            c = ti.cast(ti.floor((x[d] - self.origin[d]) / self.cell[d]), ti.i32)
+            index += ti.min(ti.max(c, REACH[d]), self.shape[d] - 1 - REACH[d]) * self.strides[d]
         return index
 
     @ti.func
@@ -190,16 +191,22 @@ class NeighborSearch:
         return n
 
     @ti.func
-    def _marked(self, x, begin, end):
-        """Marks and number of the liquid particles begin .. end - 1 within the support radius of x."""
-        n, marks = 0, 0
+    def _row(self, c, k, cell_start: ti.template()):
+        """First candidate, and the one after the last, in row k of the cells around cell c."""
+        middle = c + self.row_offset[k]
+        return cell_start[middle - REACH[0]], cell_start[middle + REACH[0] + 1]
+
+    @ti.func
+    def _marked(self, x, position: ti.template(), begin, end):
+        """Marks and number of the candidates begin .. end - 1 within the support radius of x."""
+        n, marks = 0, ti.cast(0, ti.i64)
         limit = (1.0 + COUNTING_SLACK) * self.kernel.support_radius**2
         if end - begin > MARKS:
-            n, marks = self._counted(x, self.position, begin, end), EACH
+            n, marks = self._counted(x, position, begin, end), ti.cast(EACH, ti.i64)
         else:
             for j in range(begin, end):
-                marks |= ti.cast((x - self.position[j]).norm_sqr() < limit, ti.i32) << (j - begin)
-            n = ti.math.popcnt(marks)
+                marks |= ti.cast((x - position[j]).norm_sqr() < limit, ti.i64) << ti.cast(j - begin, ti.i64)
+            n = ti.cast(ti.math.popcnt(marks), ti.i32)
         return n, marks
 
     @ti.kernel
@@ -212,12 +219,12 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
-                        found, marks = self._marked(x, self.cell_start[begin], self.cell_start[end])
+                        begin, end = self._row(c, k, self.cell_start)
+                        found, marks = self._marked(x, self.position, begin, end)
                         n += found
                         self.marks[i, s * self.row_count + k] = marks
-                        m += self._counted(x, self.walls.position, self.wall_cell_start[begin],
-                                           self.wall_cell_start[end])
+                        begin, end = self._row(c, k, self.wall_cell_start)
+                        m += self._counted(x, self.walls.position, begin, end)
             self.pairs.count[i] = ti.max(n, 0)  # -1 where the position is no number
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
@@ -227,8 +234,8 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
-                        n += self._counted(x, self.position, self.cell_start[begin], self.cell_start[end])
+                        begin, end = self._row(c, k, self.cell_start)
+                        n += self._counted(x, self.position, begin, end)
             self.wall_rows.count[b] = n
 
     @ti.func
@@ -244,22 +251,28 @@ class NeighborSearch:
             slot += 1
 
     @ti.func
-    def _write_liquid(self, x, i, j, slot: ti.template()):
-        if j != i:
-            self._write(x, j, slot, self.pairs, i, self.position[j], self.volume[j])
-
-    @ti.func
-    def _write_marked(self, x, i, marks, begin, end, slot: ti.template()):
-        """Write those of the candidates begin .. end - 1 that have marks."""
+    def _write_marked(self, x, marks, begin, end, rows: ti.template(), row, own, position: ti.template(),
+                      volume: ti.template(), slot: ti.template()):
+        """Write those of the candidates begin .. end - 1 that have marks, but for `own`."""
         if marks == EACH:
             for j in range(begin, end):
-                self._write_liquid(x, i, j, slot)
+                if j != own:
+                    self._write(x, j, slot, rows, row, position[j], volume[j])
         else:
             left = marks
             while left != 0:
                 following = left & (left - 1)
-                self._write_liquid(x, i, begin + ti.math.popcnt((left ^ following) - 1), slot)
+                j = begin + ti.cast(ti.math.popcnt((left ^ following) - 1), ti.i32)
+                if j != own:
+                    self._write(x, j, slot, rows, row, position[j], volume[j])
                 left = following
+
+    @ti.func
+    def _write_row(self, x, begin, end, rows: ti.template(), row, position: ti.template(), volume: ti.template(),
+                   slot: ti.template()):
+        """Find and write the neighbors among the candidates begin .. end - 1."""
+        _, marks = self._marked(x, position, begin, end)
+        self._write_marked(x, marks, begin, end, rows, row, -1, position, volume, slot)
 
     @ti.kernel
     def _fill(self):
@@ -272,12 +285,13 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
-                        self._write_marked(x, i, self.marks[i, s * self.row_count + k], self.cell_start[begin],
-                                           self.cell_start[end], n)
+                        begin, end = self._row(c, k, self.cell_start)
+                        self._write_marked(x, self.marks[i, s * self.row_count + k], begin, end, self.pairs, i, i,
+                                           self.position, self.volume, n)
                         if walls:
-                            for b in range(self.wall_cell_start[begin], self.wall_cell_start[end]):
-                                self._write(x, b, m, self.wall_pairs, i, self.walls.position[b], self.walls.volume[b])
+                            begin, end = self._row(c, k, self.wall_cell_start)
+                            self._write_row(x, begin, end, self.wall_pairs, i, self.walls.position, self.walls.volume,
+                                            m)
             self.pairs.count[i] = n
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
@@ -287,9 +301,8 @@ class NeighborSearch:
                 if self._near(x):
                     c = self._cell_index(x)
                     for k in range(self.row_count):
-                        begin, end = c + self.row_offset[k] - REACH, c + self.row_offset[k] + REACH + 1
-                        for j in range(self.cell_start[begin], self.cell_start[end]):
-                            self._write(x, j, n, self.wall_rows, b, self.position[j], self.volume[j])
+                        begin, end = self._row(c, k, self.cell_start)
+                        self._write_row(x, begin, end, self.wall_rows, b, self.position, self.volume, n)
             self.wall_rows.count[b] = n
 
     def sort(self) -> None:
