@@ -281,7 +281,7 @@ class LevelSet:
 
     @ti.kernel
     def _find_band(self):
-        """phi from the sums, and the lists of nodes inside the cavity, behind its wall, and of ghosts near the interface."""
+        """phi from the sums; lists of nodes inside the cavity, behind its wall, and of ghosts near the interface."""
         size, ghosts = self.grid.size, self.ghost_count
         for block in range(blocks(size)):
             total = 0

@@ -15,8 +15,8 @@ from sim.neighbor_rows import COUNTING_SLACK, HEAD_ROOM, NeighborRows, entries_a
 from sim.reductions import blocks, first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
 
-REACH = (4, 1, 1)  # cells on each side, along each axis, that can hold neighbors. Long rows of candidates, narrow at their
-# ends only, fill the vector registers: 9 rows of 20 to 35 take half the time of 25 rows of 5 to 10, though they hold more
+REACH = (4, 1, 1)  # cells on each side, along each axis, that can hold neighbors: long rows of candidates fill the
+# vector registers, so that 9 of 20 to 35 take half the time of 25 of 5 to 10, though they hold more
 MARKS = 63  # candidates in a row of cells that marks have room for
 EACH = -1  # instead of marks: look at each candidate
 
