@@ -4,7 +4,7 @@ Measured: error of the velocity of two layers in a channel, viscosities 1400:1, 
 3 dx (study `validation`, T12); and time of the solve in the eye at 1 mm and 0.5 to 2 ms, over that of the central form:
 
 central    12 %, 11 %; 1. The default: the cheaper one of the two that keep the spin of drops.
-laplacian  0.8 %, 0.4 % (3.2 %, 2.9 % at a support of 2.5 dx); 0.5. Brakes drops that turn, so not for oil in aqueous.
+laplacian  0.8 %, 0.4 % (1.9 %, 2.1 % at a support of 2.5 dx); 0.5. Brakes drops that turn, so not for oil in aqueous.
 strain     3.0 %, 1.6 %; 2. Half the iterations, each three times as dear.
 
 M + dt K is symmetric and positive definite; conjugate gradients with the diagonal as preconditioner, started from the

@@ -1,0 +1,90 @@
+"""Write `docs/benchmarks.md` from the tables that the benchmarks have left beside them.
+
+    python benchmarks/page.py           write the page
+    python benchmarks/page.py --check   exit code 1 where it is not that of the tables
+"""
+import argparse
+import csv
+import shutil
+import sys
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+PAGE = FOLDER.parent / "docs" / "benchmarks.md"
+PICTURE = PAGE.parent / "images" / "benchmark_sizes.png"
+GIB = 2**30
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    """Read a table of the dam break."""
+    with (FOLDER / "dam_break" / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def table(head: tuple[str, ...], body: list[tuple]) -> str:
+    """A table in Markdown."""
+    lines = [head, ("---",) * len(head), *body]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def peer() -> str:
+    """The dam beside SPlisHSPlasH."""
+    body = [(row["program"], f"{float(row['particles']):,.0f}", f"{1e3 * float(row['wall_s_per_step']):.1f}",
+             f"{1e3 * float(row['cpu_s_per_step']):.1f}", f"{float(row['wall_ratio']):.2f}",
+             f"{float(row['density_iterations']):.1f}", f"{float(row['mean_compression']):.1e}")
+            for row in rows("results.csv")]
+    return table(("program", "particles", "ms on the clock per step", "ms of all cores", "times as fast as the peer",
+                  "density iterations", "mean compression"), body)
+
+
+def sizes() -> str:
+    """Time and memory per particle."""
+    body = [(row["scheme"], f"{float(row['particles']):,.0f}", f"{1e3 * float(row['wall_s_per_step']):.0f}",
+             f"{float(row['wall_us_per_particle_step']):.2f}",
+             f"{100.0 * float(row['spread']):.0f} %" if int(row["turns"]) > 1 else "one turn",
+             f"{float(row['pressure_iterations']):.1f}", f"{float(row['field_bytes_per_particle']):.0f}",
+             f"{float(row['peak_bytes']) / GIB:.2f}") for row in rows("sizes.csv")]
+    return table(("scheme", "particles", "ms on the clock per step", "us per particle and step", "spread of the turns",
+                  "iterations", "bytes of fields per particle", "GiB of the process at most"), body)
+
+
+def page() -> str:
+    """The whole page."""
+    machine = (FOLDER / "dam_break" / "machine.txt").read_text().strip()
+    return f"""# Benchmarks
+
+Made by `python benchmarks/page.py` from the tables in `benchmarks/`. Machine: {machine}
+
+## Dam break beside SPlisHSPlasH
+
+`python benchmarks/dam_break/compare.py`; what is alike and what is not:
+[benchmarks/dam_break](../benchmarks/dam_break). Steps from 150 on are timed; medians of turns.
+
+{peer()}
+
+## Size
+
+`python benchmarks/dam_break/sizes.py`: the same dam from 5,000 particles to a million, steps that shrink with the
+spacing, 40 steps after the first 20. Medians of turns.
+
+![Time per particle and step](images/{PICTURE.name})
+
+{sizes()}
+"""
+
+
+def main() -> None:
+    """Command line."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--check", action="store_true", help="compare only")
+    text = page()
+    if p.parse_args().check:
+        if not PAGE.is_file() or PAGE.read_text() != text:
+            sys.exit(f"error: {PAGE} is older than its tables: python benchmarks/page.py")
+        return
+    PAGE.write_text(text)
+    shutil.copy(FOLDER / "dam_break" / "sizes.png", PICTURE)
+
+
+if __name__ == "__main__":
+    main()
