@@ -16,8 +16,8 @@ GIB = 2**30
 
 
 def rows(name: str) -> list[dict[str, str]]:
-    """Read a table of the dam break."""
-    with (FOLDER / "dam_break" / name).open(newline="") as file:
+    """Read a table."""
+    with (FOLDER / name).open(newline="") as file:
         return list(csv.DictReader(file))
 
 
@@ -32,7 +32,7 @@ def peer() -> str:
     body = [(row["program"], f"{float(row['particles']):,.0f}", f"{1e3 * float(row['wall_s_per_step']):.1f}",
              f"{1e3 * float(row['cpu_s_per_step']):.1f}", f"{float(row['wall_ratio']):.2f}",
              f"{float(row['density_iterations']):.1f}", f"{float(row['mean_compression']):.1e}")
-            for row in rows("results.csv")]
+            for row in rows("dam_break/results.csv")]
     return table(("program", "particles", "ms on the clock per step", "ms of all cores", "times as fast as the peer",
                   "density iterations", "mean compression"), body)
 
@@ -43,9 +43,21 @@ def sizes() -> str:
              f"{float(row['wall_us_per_particle_step']):.2f}",
              f"{100.0 * float(row['spread']):.0f} %" if int(row["turns"]) > 1 else "one turn",
              f"{float(row['pressure_iterations']):.1f}", f"{float(row['field_bytes_per_particle']):.0f}",
-             f"{float(row['peak_bytes']) / GIB:.2f}") for row in rows("sizes.csv")]
+             f"{float(row['peak_bytes']) / GIB:.2f}") for row in rows("dam_break/sizes.csv")]
     return table(("scheme", "particles", "ms on the clock per step", "us per particle and step", "spread of the turns",
                   "iterations", "bytes of fields per particle", "GiB of the process at most"), body)
+
+
+def paper_scenes() -> str:
+    """The scenes of the silicone-oil paper in two dimensions."""
+    parts = ("pressure", "position correction", "neighbors")
+    body = [(f"`{row['scene']}`", f"{float(row['particles']):,.0f}", f"{float(row['steps']):,.0f}",
+             f"{float(row['pressure_iterations']):.1f}",
+             f"{float(row['wall_s']) / 60.0 / float(row['simulated_s']):.2f}", row["paper_min_per_s"],
+             *(f"{100.0 * float(row[part]) / float(row['wall_s']):.0f} %" for part in parts))
+            for row in rows("paper_scenes.csv")]
+    return table(("scene", "particles", "steps", "pressure iterations per step", "minutes per simulated second",
+                  "minutes of the paper, on a GPU", *parts), body)
 
 
 def page() -> str:
@@ -70,6 +82,13 @@ spacing, 40 steps after the first 20. Medians of turns.
 ![Time per particle and step](images/{PICTURE.name})
 
 {sizes()}
+
+## The paper's scenes in two dimensions
+
+`python benchmarks/paper_scenes.py`: two blocks and a drop of ink at the size of S1 (Table I), all
+3 s of them, in one turn. The paper ran them on an NVIDIA RTX 2080 SUPER. The last columns are shares of the time.
+
+{paper_scenes()}
 """
 
 
