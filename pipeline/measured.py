@@ -71,7 +71,17 @@ class Measured:
     def wall(self) -> WallContact:
         """Where the oil touches the wall."""
         return WallContact.of(self.initial, self.frame.position, self.oil_fraction,
-                              particle_spacing=self.frame.particle_spacing, support_radius=self.support_radius)
+                              particle_spacing=self.frame.particle_spacing, support_radius=self.support_radius,
+                              contact_angle=self.contact_angle)
+
+    @property
+    def contact_angle(self) -> float | None:
+        """Contact angle at the wall, measured through the liquid that is not the oil, rad; None without tension."""
+        tension = self.scene.effects.get("interface_tension")
+        if tension is None or not tension.coefficient:
+            return None
+        through_first = np.radians(tension.contact_angle)
+        return float(np.pi - through_first if self.oil == 0 else through_first)
 
     @property
     def support_radius(self) -> float:

@@ -13,8 +13,11 @@ from pipeline.measured import Measured
 from pipeline.metrics_table import columns_by_metric, read_table
 from pipeline.scene_model import Material, Output, Scene
 from pipeline.shapes import shape_arrays
+from pipeline.study_tank import cavity
+from pipeline.young_laplace import oil_at_rest
 from sim.effects.contact_line_emulsification import ContactLineEmulsificationParameters
 from sim.effects.diffusion import DiffusionParameters
+from sim.effects.interface_tension import InterfaceTensionParameters
 from sim.settings import Numerics
 
 RADIUS = 0.011
@@ -105,11 +108,44 @@ def test_wall_far_from_any_fluid_is_not_covered(sphere):
 
 def test_covered_wall_follows_the_nearest_fluid():
     initial = {"wall_position": np.array([[0.0, 0, 0], [1.0, 0, 0]]), "wall_distance": np.array([0.5, 0.5]),
-               "wall_volume": np.array([1.0, 3.0])}
+               "wall_volume": np.array([1.0, 3.0]), "sdf_values": np.full((4, 4, 4), -0.5), "sdf_origin": -np.ones(3),
+               "sdf_cell": 1.0}
     contact = WallContact.of(initial, np.array([[0.0, 0.6, 0], [0.0, 0.9, 0], [1.0, 0.7, 0]]),
-                             np.array([0.6, 0.0, 0.4]), particle_spacing=1.0, support_radius=2.5)
+                             np.array([0.6, 0.0, 0.4]), particle_spacing=1.0, support_radius=2.5, contact_angle=None)
     assert contact.covered.tolist() == [True, False]
     assert contact.covered_share() == 0.25
+
+
+@pytest.mark.parametrize(("dimension", "angle", "fill", "tolerance"), [
+    (3, 18.2, 0.85, 0.01), (3, 18.2, 0.95, 0.01), (3, 60.0, 0.8, 0.015),
+    (2, 18.2, 0.85, 0.03)])  # one point of the circle is 2 % of it, and there are two ends
+@pytest.mark.usefixtures("taichi")
+def test_wall_under_a_thin_wedge_is_not_touched(dimension, angle, fill, tolerance):
+    """Particles labelled by the exact shape of oil at rest, 8 spacings to the radius: 0.8, 0.8, 1.2, 2.3 % off."""
+    spacing, theta = RADIUS / 8, np.radians(angle)
+    arrays = cavity("circle", RADIUS, spacing, start="packed", support_ratio=2.5, dimension=dimension)
+    exact = oil_at_rest(fill, theta, 35.0 * 9.81 / 0.04, RADIUS, dimension)
+    oil = exact.is_oil(arrays["fluid_position"]).astype(float)
+    contact = WallContact.of(arrays, arrays["fluid_position"], oil, particle_spacing=spacing,
+                             support_radius=2.5 * spacing, contact_angle=theta)
+    assert contact.covered_share() == pytest.approx(exact.coverage, abs=tolerance)
+    by_label = dataclasses.replace(contact, contact_angle=None)
+    assert abs(contact.covered_share() - exact.coverage) < 0.5 * contact.band_share()
+    if angle < 20.0:
+        assert by_label.covered_share() > exact.coverage + 0.04
+    # The same seen from the other liquid: what one loses the other gains.
+    other = dataclasses.replace(contact, covered=~contact.covered, contact_angle=np.pi - theta)
+    assert contact.covered_share() + other.covered_share() == pytest.approx(1.0)
+
+
+def test_angle_is_measured_through_the_liquid_that_is_not_oil(sphere):
+    state = make_state(sphere, np.ones(len(sphere["fluid_position"])))
+    tension = InterfaceTensionParameters(coefficient=0.04, contact_angle=30.0)
+    wetting = dataclasses.replace(state.scene, effects={"interface_tension": tension})
+    oil_first = dataclasses.replace(wetting, liquids=(OIL, AQUEOUS))
+    assert state.contact_angle is None
+    assert dataclasses.replace(state, scene=wetting).contact_angle == pytest.approx(np.radians(30.0))
+    assert dataclasses.replace(state, scene=oil_first).contact_angle == pytest.approx(np.radians(150.0))
 
 
 def test_energies_and_centers(sphere):

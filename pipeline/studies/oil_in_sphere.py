@@ -9,8 +9,8 @@ compared is the mean of its last fifth.
 Arc and angle come from the curve of Young and Laplace, with curvature and height free, that parts the particles of the
 two liquids best. The curve that fits the interface points of the tension best, without what lies within half a spacing
 of the wall, is read beside it; at 18 degrees a tenth of a spacing turns the angle by two degrees. The covered share of
-the wall over-reads thin wedges. So every operator is also applied to particles that are labelled by the exact shape,
-which shows what it reads wrong.
+the wall is that of the metrics (`pipeline.coverage`). Every operator is also applied to particles that are labelled by
+the exact shape, which shows what it reads wrong.
 """
 import dataclasses
 
@@ -172,7 +172,7 @@ def read(case: Parameters, solver, arrays) -> Reading:
     """Read arc, angle, apex and coverage of the present state."""
     position, phase, velocity = (field(solver, name) for name in ("position", "phase", "velocity"))
     contact = WallContact.of(arrays, position, phase, particle_spacing=solver.spacing,
-                             support_radius=solver.support_radius)
+                             support_radius=solver.support_radius, contact_angle=np.radians(case.contact_angle))
     speed = float(np.sqrt((velocity**2).sum(axis=1).mean()))
     r, z = contour(case, solver)
     if len(r) < 5:
@@ -299,7 +299,8 @@ def _rows(case: Parameters, exact: Profile, ideal: Reading, result: Run) -> list
             beside("covered share of the wall, against ideal labels", mean["coverage"], ideal.coverage),
             beside("covered arc of the wall, against ideal labels", covered_arc(mean["coverage"], case.dimension),
                    covered_arc(ideal.coverage, case.dimension), None, "deg"),
-            Row("covered share of the exact shape", exact.coverage, **common),
+            beside("covered share of the wall", mean["coverage"], exact.coverage),
+            beside("covered share of the wall of ideal labels", ideal.coverage, exact.coverage),
             beside("arc of contact of ideal labels", ideal.arc, exact.arc, None, "deg"),
             beside("height on the axis of ideal labels / spacing", ideal.apex / spacing, apex),
             beside("arc of the level set", mean["contour_arc"], exact.arc, None, "deg"),
