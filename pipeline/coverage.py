@@ -23,8 +23,8 @@ class WallContact:
     """The inner layer of wall particles, each above oil or not.
 
     A wall point is covered if the nearest fluid within one support radius is mostly oil; of what is covered, the shares
-    below leave out the strip under a wedge that is too thin for a particle. The origin is the center of
-    the globe; x points to the patient's left, y up to the head, z forward along the optic axis.
+    below leave out the strip under a wedge that is too thin for a particle. The origin is the center of the globe; x
+    points to the patient's left, y up to the head, z forward along the optic axis.
 
     Attributes
     ----------

@@ -110,8 +110,8 @@ def wall_coverage(state):
     return 100 * state.wall.covered_share()
 
 
-@metric("%", "share of the wall within one particle spacing of the contact line: uncertainty of the coverage",
-        of_eye=True)
+@metric("%", "share of the wall within one particle spacing of the contact line: half of it is the uncertainty of the "
+             "coverage", of_eye=True)
 def wall_coverage_band(state):
     return 100 * state.wall.band_share()
 
