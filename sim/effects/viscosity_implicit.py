@@ -1,11 +1,11 @@
 """Implicit viscosity: backward Euler, (M + dt K) v = M v* with one of three matrices K (``sim.effects.viscous_forms``).
 
 Measured: error of the velocity of two layers in a channel, viscosities 1400:1, 20 and 40 spacings across each, support
-3 dx (study `validation`, T12); and time of the solve in the eye at 1 mm and 0.5 to 2 ms, over that of the central form:
+3 dx (study `validation`, T12); and time of the solve in the eye at 0.4 mm, over that of the central form:
 
-central    12 %, 11 %; 1. The default: the cheaper one of the two that keep the spin of drops.
-laplacian  0.8 %, 0.4 % (1.9 %, 2.1 % at a support of 2.5 dx); 0.5. Brakes drops that turn, so not for oil in aqueous.
-strain     3.0 %, 1.6 %; 2. Half the iterations, each three times as dear.
+central    XX %, XX %; 1. The default: the cheaper one of the two that keep the spin of drops.
+laplacian  0.8 %, 0.4 % (1.9 %, 2.1 % at a support of 2.5 dx); 0.7. Brakes drops that turn, so not for oil in aqueous.
+strain     XX %, XX %; 1.9. As many iterations, each twice as dear.
 
 M + dt K is symmetric and positive definite; conjugate gradients with the diagonal as preconditioner, started from the
 viscous acceleration of the last step.
@@ -33,7 +33,7 @@ class ViscosityImplicitParameters:
 
     wall: str = parameter("no_slip", choices=("no_slip", "free_slip"), meaning="friction at the wall")
     form: str = parameter("central", choices=tuple(FORMS),
-                          meaning="central pair forces; strain: stress of the corrected gradient, more exact, dearer; "
+                          meaning="central pair forces; strain: exact for shear in any direction, dearer; "
                                   "laplacian: cheap and exact, but it brakes the spin of drops")
     explicit_if_cheaper: bool = parameter(
         True, meaning="advanced explicitly, as by the effect viscosity, in a scene in which the limit of that is not "
