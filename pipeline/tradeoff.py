@@ -202,11 +202,21 @@ def _orders(name: str, family, points: Sequence[Point]) -> list[dict]:
     if not base:
         return []
     order, factor = law_of(points)
-    known = math.isfinite(order)
-    return [{"case": name, "quantity": family.HEADLINE, "unit": base[-1].unit,
+    finest, error = base[-1], base[-1].error
+    if finest.resolution < max(point.resolution for point in points if point.change == SPACING):
+        # What was measured is the difference from a run that has an error of its own.
+        error = factor * finest.resolution**-order if math.isfinite(order) else error
+    else:
+        order = min(order, _last_order(base))
+    return [{"case": name, "quantity": family.HEADLINE, "unit": finest.unit,
              "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
-             "resolution": base[-1].resolution, "order": order,
-             "error": factor * base[-1].resolution**-order if known else base[-1].error}]
+             "resolution": finest.resolution, "order": order, "error": error}]
+
+
+def _last_order(base: Sequence[Point]) -> float:
+    """The order between the two finest runs: an estimate must not promise more than the last refinement gave."""
+    last = base[-2:]
+    return observed_order([1.0 / point.resolution for point in last], [point.error for point in last])
 
 
 def _outcome(name: str, points: Sequence[Point]) -> Outcome:

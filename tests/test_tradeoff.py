@@ -88,6 +88,23 @@ def test_runs_that_do_not_converge_yet_have_no_order():
     assert math.isnan(order_of(points))
 
 
+def test_error_to_expect_is_the_measured_one_and_its_order_no_more_than_the_last_refinement_gave(study, tmp_path):
+    outcomes = []
+    for case in study.cases.values():
+        outcome = invented(case)
+        errors = iter((0.4, 0.011, 0.01))
+        if case.family.__name__.endswith("laplace") and len(case.parameters.resolutions) == 3:
+            headline = case.family.HEADLINE
+            outcome.rows = [dataclasses.replace(row, error=next(errors)) if row.quantity == headline else row
+                            for row in outcome.rows]
+        outcomes.append(outcome)
+    write_tradeoff(study, outcomes, tmp_path)
+    with (tmp_path / "orders.csv").open(newline="") as file:
+        row = next(row for row in csv.DictReader(file) if row["case"] == "laplace")
+    assert float(row["error"]) == 0.01
+    assert float(row["order"]) == pytest.approx(math.log(1.1) / math.log(12 / 8))
+
+
 def test_failed_run_has_no_error_and_is_not_on_the_front(study):
     cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
     outcomes = [invented(case) for case in cases]

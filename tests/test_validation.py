@@ -214,10 +214,10 @@ def test_two_equal_liquids_flow_as_one():
 
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(("form", "largest"), [
-    ("strain", 0.07), pytest.param("laplacian", 0.03, marks=pytest.mark.slow),
-    pytest.param("central", 0.14, marks=pytest.mark.slow)])
+    ("central", 0.04), pytest.param("laplacian", 0.03, marks=pytest.mark.slow),
+    pytest.param("strain", 0.05, marks=pytest.mark.slow)])
 def test_two_layers_flow_along_a_channel(form, largest):
-    """T12 at 1:1400 and 10 spacings; the study asks for 3 % at 40. Central forces do not converge (13 % to 11 %)."""
+    """T12 at 1:1400 and 10 spacings; the study asks for 3 % at 40."""
     outcome = channel.run(channel.Parameters(ratio=1400.0, form=form, resolutions=(10,), times=2.0, steps=20))
     assert values(outcome, "L2 error of the velocity, both layers")[0] < largest
     assert values(outcome, "L2 error of the velocity, viscous layer")[0] < largest

@@ -38,7 +38,7 @@ class Parameters(TankParameters):
     support_ratio: float = parameter(2.5, minimum=2.0, maximum=4.0,
                                      meaning="support radius of the kernel in particle spacings")
     viscosity_ratio: float = parameter(1.0, exclusive_minimum=0.0, meaning="viscosity of the drop over that around it")
-    form: str = parameter("strain", choices=("central", "laplacian", "strain"), meaning="form of the viscous forces")
+    form: str = parameter("central", choices=("central", "laplacian", "strain"), meaning="form of the viscous forces")
     cavity_ratio: float = parameter(3.0, minimum=1.5, meaning="radius of the cavity over that of the drop")
     way: float = parameter(0.1, exclusive_minimum=0.0, maximum=0.5, meaning="length of the run in radii of the drop")
     tolerance: float = parameter(0.1, exclusive_minimum=0.0, meaning="allowed relative error of the speed at the "

@@ -159,11 +159,11 @@ class LaplacianForm(ViscousForm):
 class StrainForm(ViscousForm):
     """Pair forces along what two alike particles do beyond turning with their surroundings; unlike ones: central.
 
-    With c_ij of ``sim.effects.viscous_weights`` and g_ij = c_ij x_ij, F_ij = -(2 c_ij v_ij - (s_i + s_j) x g_ij). The spin
-    s_i is the rate of rotation that fits the neighbors best: it makes the sum of c_ij |v_ij - s_i x x_ij|^2 least, I_i s_i
-    = sum of g_ij x v_ij. So K is what turning leaves of twice the dissipation of the differences of velocities, a Schur
-    complement. It needs second moments of the particles around, no more, and these are alike in all directions on
-    lattices too.
+    With c_ij of ``sim.effects.viscous_weights`` and g_ij = c_ij x_ij, F_ij = -(2 c_ij v_ij - (s_i + s_j) x g_ij). The
+    spin s_i is the rate of rotation that fits the neighbors best: it makes the sum of c_ij |v_ij - s_i x x_ij|^2 least,
+    I_i s_i = sum of g_ij x v_ij. So K is what turning leaves of twice the dissipation of the differences of velocities,
+    a Schur complement. It needs second moments of the particles around, no more, and these are alike in all directions
+    on lattices too.
     A wall particle counts twice, as if it turned along, with the velocity (1 - beta_ib) v_i.
     """
 

@@ -1,11 +1,11 @@
 """Weights of viscous pairs that are more even than the gradient of a kernel, and need fewer iterations.
 
 c_ij = 2 mu_ij V_i V_j w_ij/sqrt(M_i M_j), w = (1 - r^2/h^2)^(3/2), with M_i the second moment of w over the particles
-around, sum of V_j w_ij r^2/d, as measured. Then c_ij v_ij and (d+2) c_ij (v_ij.x_ij) x_ij/r^2 are forces of the viscosity
-mu. Those of the second kind need fourth moments too, which are not alike in all directions among disordered particles:
-shear along the axes of packed boxes feels 0.99 mu in three dimensions (h 2.5 and 3 dx; 0.96 and 1.00 in two), on
-average over directions 1. With w = |W'|/r, which is steeper, it is 0.95 (0.9), and conjugate gradients take 1.4 times
-the iterations.
+around, sum of V_j w_ij r^2/d, as measured. Then c_ij v_ij and (d+2) c_ij (v_ij.x_ij) x_ij/r^2 are forces of the
+viscosity mu. Those of the second kind need fourth moments too, which are not alike in all directions among disordered
+particles: shear along the axes of packed boxes feels 0.99 mu in three dimensions (h 2.5 and 3 dx; 0.96 and 1.00 in
+two), on average over directions 1. With w = |W'|/r, which is steeper, it is 0.95 (0.9), and conjugate gradients take
+1.4 times the iterations.
 """
 import math
 
