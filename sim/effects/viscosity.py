@@ -1,8 +1,7 @@
 """Explicit viscosity by pair forces, across liquids too, with the harmonic mean of the viscosities.
 
-central    a_i = -(d+2)/m_i sum_j c_ij (v_ij.x_ij) x_ij/r^2 (Monaghan & Gingold 1983, with the weights of
-           ``sim.effects.viscous_weights``): conserves spin as well as momentum, but on an even lattice it is up to 6 %
-           too stiff or soft, by the direction of the shear.
+central    a_i = (V_i/m_i) sum_j 2(d+2) mu_ij V_j (v_ij.x_ij)/r^2 G_ij (Monaghan & Gingold 1983, volumes): conserves
+           spin as well as momentum, but on an even lattice it is 10 % too stiff or soft, by the direction of the shear.
 laplacian  a_i = (V_i/m_i) sum_j 2 mu_ij V_j (x_ij.G_ij)/r^2 v_ij (Morris et al. 1997): exact to 1 % on lattices too,
            but a drop that spins in a thinner liquid is braked.
 
@@ -14,7 +13,6 @@ import taichi as ti
 
 from sim.effects.effect import Effect
 from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
-from sim.effects.viscous_weights import ViscousWeights, harmonic_mean
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -42,9 +40,8 @@ class Viscosity(Effect):
         super().__init__(parameters, solver)
         self.central = parameters.form == "central"
         self.unused_hooks = () if parameters.wall == "no_slip" else ("wall_acceleration",)
+        self.factor = 2.0 * (solver.dimension + 2.0) if self.central else 2.0
         self.liquids = LiquidViscosity(solver)
-        if self.central:
-            self.weights = ViscousWeights(solver, self.particles)
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
@@ -62,8 +59,6 @@ class Viscosity(Effect):
 
     def prepare(self, dt: float) -> None:
         self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
-        if self.central:
-            self.weights.measure()
         if not self.unused_hooks:
             self._measure_depth()
 
@@ -73,33 +68,21 @@ class Viscosity(Effect):
             self.particles.wall_depth[i] = self.liquids.depth(i)
 
     @ti.func
-    def _central(self, i, c, v_ij, x_ij, r2):
-        return -self.weights.central(c, r2) / self.particles.mass[i] * x_ij.dot(v_ij) * x_ij
-
-    @ti.func
-    def _laplacian(self, i, mu, v_ij, x_ij, gradient, r2):
-        rate = 2.0 * mu * self.particles.volume[i] / self.particles.mass[i] / ti.max(
-            r2, 1e-12 * self.solver.spacing**2)
-        return rate * x_ij.dot(gradient) * v_ij
+    def _acceleration(self, i, mu, v_ij, x_ij, gradient):
+        rate = self.factor * mu * self.particles.volume[i] / self.particles.mass[i] / ti.max(
+            x_ij.norm_sqr(), 1e-12 * self.solver.spacing**2)
+        a = rate * x_ij.dot(gradient) * v_ij
+        if ti.static(self.central):
+            a = rate * x_ij.dot(v_ij) * gradient
+        return a
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
-        v_ij, r2 = self.particles.velocity[i] - self.particles.velocity[j], x_ij.norm_sqr()
-        a = 0.0 * v_ij
-        if ti.static(self.central):
-            a = self._central(i, self.weights.of_pair(i, j, r2), v_ij, x_ij, r2)
-        else:
-            mean = harmonic_mean(self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j])
-            a = self._laplacian(i, mean, v_ij, x_ij, gradient, r2)
-        return a
+        mu_i, mu_j = self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j]
+        mean = 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)
+        return self._acceleration(i, mean, self.particles.velocity[i] - self.particles.velocity[j], x_ij, gradient)
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
-        beta, v_i = self.liquids.wall_factor(self.particles.wall_depth[i], b), self.particles.velocity[i]
-        r2 = x_ib.norm_sqr()
-        a = 0.0 * v_i
-        if ti.static(self.central):
-            a = self._central(i, beta * self.weights.of_wall(i, b, r2), v_i, x_ib, r2)
-        else:
-            a = self._laplacian(i, beta * self.particles.dynamic_viscosity[i], v_i, x_ib, gradient, r2)
-        return a
+        mu = self.liquids.wall_factor(self.particles.wall_depth[i], b) * self.particles.dynamic_viscosity[i]
+        return self._acceleration(i, mu, self.particles.velocity[i], x_ib, gradient)

@@ -1,4 +1,4 @@
-"""Weights of viscous pairs that are more even than the gradient of a kernel, and need fewer iterations.
+"""Weights of the pairs of implicit viscosity: more even than the gradient of a kernel, they need fewer iterations.
 
 c_ij = 2 mu_ij V_i V_j w_ij/sqrt(M_i M_j), w = (1 - r^2/h^2)^(3/2), with M_i the second moment of w over the particles
 around, sum of V_j w_ij r^2/d, as measured. Then c_ij v_ij and (d+2) c_ij (v_ij.x_ij) x_ij/r^2 are forces of the
