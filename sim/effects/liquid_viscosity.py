@@ -12,7 +12,7 @@ from sim.runtime import real
 
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 
-WALL_FACTOR_LIMIT = 3.0  # largest extrapolation of the liquid's velocity to a wall particle (no slip)
+EXPLICIT_WALL_FACTOR = 3.0  # largest one that an explicit step takes: more would ask for shorter steps
 
 
 def without_viscosity(settings) -> str:
@@ -92,4 +92,4 @@ class LiquidViscosity:
 
         The velocity is taken to be linear and zero at the wall's surface (Morris et al. 1997).
         """
-        return ti.min(WALL_FACTOR_LIMIT, 1.0 + self.walls.depth[b] / depth)
+        return 1.0 + self.walls.depth[b] / depth

@@ -12,7 +12,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.effects.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -84,5 +84,6 @@ class Viscosity(Effect):
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
-        mu = self.liquids.wall_factor(self.particles.wall_depth[i], b) * self.particles.dynamic_viscosity[i]
+        factor = ti.min(self.liquids.wall_factor(self.particles.wall_depth[i], b), EXPLICIT_WALL_FACTOR)
+        mu = factor * self.particles.dynamic_viscosity[i]
         return self._acceleration(i, mu, self.particles.velocity[i], x_ib, gradient)

@@ -18,7 +18,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.effects.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.smoothing_kernels import KERNELS
@@ -123,7 +123,8 @@ class Xsph(Effect):
                     k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     weight = self.kernel.value(self.search.separation(x, self.walls.position[b]).norm())
-                    change -= (self._wall_share(i, b, dt) * weight * self.liquids.wall_factor(depth, b)) * v
+                    factor = ti.min(self.liquids.wall_factor(depth, b), EXPLICIT_WALL_FACTOR)
+                    change -= (self._wall_share(i, b, dt) * weight * factor) * v
             self.particles.velocity_change[i] = change
         for i in range(self.count[None]):
             self.particles.velocity[i] += self.particles.velocity_change[i]
