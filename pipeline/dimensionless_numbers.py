@@ -63,6 +63,7 @@ class Scales:
         self.gravity = gravity.magnitude if gravity else 0.0
         self.turns = gravity.turns if gravity else ()
         self.jolts = gravity.jolts if gravity else ()
+        self.rotation = scene.effects.get("eye_rotation")
         self.tension = tension.coefficient if tension and len(self.liquids) > 1 else 0.0
         self.viscous = bool(scene.effects.keys() & {"viscosity", "viscosity_implicit"})
 
@@ -139,6 +140,9 @@ class Scales:
         if self.jolts:
             found.append(Quantity("jolt", max(map(self._jolt_speed, self.jolts)), "m/s",
                                   "impulse of the jolt on the difference of weights, at most its buoyant speed"))
+        if self.rotation:
+            found.append(Quantity("rotation", self.rotation.peak * self.length, "m/s",
+                                  "largest speed of the wall in a saccade or oscillation of the eye"))
         if "injection" in self.scene.effects:
             found.append(Quantity("jet", self._jet_speed(), "m/s",
                                   "flow through the surface of the droplet in which the liquid enters"))
@@ -289,5 +293,7 @@ def time_scales(scales: Scales) -> list[Quantity]:
                       "volume to inject over flow, which rises first"))
     if scales.turns:
         times.append(("turn", min(turn.duration for turn in scales.turns), "shortest turn of the posture"))
+    if scales.rotation:
+        times.append(("rotation", scales.rotation.shortest, "shortest saccade, or half a period of the oscillation"))
     times.append(("scene", scales.duration, "simulated time"))
     return [Quantity(name, value, "s", meaning) for name, value, meaning in times]

@@ -35,7 +35,7 @@ STOKES_REYNOLDS = 1.0
 INERTIA_OF_TURN = 1.0
 
 ADVISED = {"gravity", "interface_tension", "cohesion", "curvature", "adhesion", "viscosity", "viscosity_implicit",
-           "drift", "diffusion", "injection", "contact_line_emulsification",
+           "drift", "diffusion", "injection", "contact_line_emulsification", "eye_rotation",
            "collision", "viscoelastic", "xsph"}
 SEEN_EFFECT, WARNING, NOTE = "matters", "warning", "note"
 
@@ -127,6 +127,33 @@ def _turns(scales: Scales, limits: list[Limit]) -> Found:
         yield Advice(NOTE, "gravity", "the inertial forces of a turn are left out: the wall accelerates by up to "
                                       f"{shown(inertia, 'm/s2')}, {inertia / buoyancy:.2g} times the buoyancy "
                                       f"(small below {INERTIA_OF_TURN:g})")
+
+
+@_rule
+def _rotation(scales: Scales, limits: list[Limit]) -> Found:
+    rotation = scales.rotation
+    if not rotation:
+        return
+    for saccade in rotation.saccades:
+        if saccade.end > scales.duration:
+            yield Advice(WARNING, "eye_rotation", f"a saccade is not reached or not over: the last one ends at "
+                                                  f"{shown(saccade.end, 's')}, but the scene at "
+                                                  f"{shown(scales.duration, 's')}")
+    way = max((math.radians(movement.amplitude) for movement in rotation.movements), default=0.0) * scales.length
+    if not _is_seen(way, scales):
+        yield Advice(WARNING, "eye_rotation", f"cannot be seen: the wall moves by {_times(way, scales)}")
+        return
+    yield Advice(SEEN_EFFECT, "eye_rotation", f"the wall moves by {_times(way, scales)}, at up to "
+                                              f"{shown(rotation.peak * scales.length, 'm/s')}")
+    if not scales.viscous:
+        yield Advice(WARNING, "eye_rotation", "drags nothing along: the scene has no viscosity, so the liquid slips "
+                                              "along a round wall")
+        return
+    for liquid in scales.liquids:
+        layer = math.sqrt(2.0 * liquid.dynamic_viscosity / liquid.density * rotation.shortest / math.pi)
+        if not _is_seen(layer, scales):
+            yield Advice(NOTE, "eye_rotation", f"the layer of {liquid.name} that the wall drags along is not resolved: "
+                                               f"{_times(layer, scales)}; its shear stress at the wall is too low")
 
 
 @_rule

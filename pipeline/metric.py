@@ -20,6 +20,7 @@ class Metric:
     function : called with the :class:`Measured` state of one frame; several numbers come as name -> number.
     of_eye : whether it says something about an eye only, and a container goes without it.
     of_mixture : whether it says something only where liquids mix, and other scenes go without it.
+    of_rotation : the same for eyes that turn.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Metric:
     function: Callable[[Measured], Value]
     of_eye: bool = False
     of_mixture: bool = False
+    of_rotation: bool = False
 
     def columns(self, state: Measured) -> dict[str, float]:
         """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
@@ -39,14 +41,15 @@ class Metric:
     def applies_to(self, scene: Scene) -> bool:
         """Whether the metric has a meaning in a scene."""
         mixes = not MIXING_EFFECTS.isdisjoint(scene.effects)
-        return (mixes or not self.of_mixture) and (scene.container is None or not self.of_eye)
+        return ((mixes or not self.of_mixture) and (scene.container is None or not self.of_eye)
+                and ("eye_rotation" in scene.effects or not self.of_rotation))
 
 
 def registrar(metrics: list[Metric]) -> Callable:
     """Return the decorator ``@metric(unit, meaning)`` that appends a function, as the metric of its name."""
-    def metric(unit: str, meaning: str, *, of_eye: bool = False, of_mixture: bool = False) -> Callable:
+    def metric(unit: str, meaning: str, **of: bool) -> Callable:
         def register(function: Callable[[Measured], Value]) -> Callable[[Measured], Value]:
-            metrics.append(Metric(function.__name__, unit, meaning, function, of_eye, of_mixture))
+            metrics.append(Metric(function.__name__, unit, meaning, function, **of))
             return function
         return register
     return metric

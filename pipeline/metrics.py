@@ -2,7 +2,8 @@
 
 To add a metric, write one function of a :class:`~pipeline.measured.Measured` state and register it with ``@metric``: it
 becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of the report.
-Those of mixtures are in :mod:`pipeline.mixing_metrics`; ``--list`` prints what every column means.
+Those of mixtures are in :mod:`pipeline.mixing_metrics`, those of eyes that turn in
+:mod:`pipeline.rotation_metrics`; ``--list`` prints what every column means.
 """
 import argparse
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline import mixing_metrics
+from pipeline import mixing_metrics, rotation_metrics
 from pipeline.frames import find_frames, read_frame
 from pipeline.initial import load_initial
 from pipeline.measured import MIXED, Measured
@@ -176,7 +177,7 @@ def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radi
     return (total > 0) & (neighbors.max(axis=1, initial=0) > ISOLATED * total)
 
 
-METRICS += mixing_metrics.METRICS
+METRICS += mixing_metrics.METRICS + rotation_metrics.METRICS
 
 
 def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
@@ -208,7 +209,8 @@ class ListMetrics(argparse.Action):
 
     def __call__(self, parser, *_) -> None:
         for one in METRICS:
-            where = " and ".join(name for name, of in (("eyes", one.of_eye), ("mixtures", one.of_mixture)) if of)
+            where = " and ".join(name for name, of in (("eyes", one.of_eye), ("mixtures", one.of_mixture),
+                                                         ("eyes that turn", one.of_rotation)) if of)
             print(f"{one.name} [{one.unit}]: {one.meaning}{where and f'; only of {where}'}")
         parser.exit()
 

@@ -1,4 +1,4 @@
-"""The phases of a scene in which its steps differ: while liquid is injected, in a turn, in a jolt, and in between.
+"""The phases of a scene in which its steps differ: while liquid is injected, in a turn, jolt or saccade, and between.
 
 Each phase of a full cavity is looked at in its middle, with the liquids laid level in their volumes of that moment, as
 the posture at its begin has them: within a turn they are not yet where they will come to rest.
@@ -47,10 +47,12 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = Fa
     duration = scene.output.duration
     if not scene.closed:
         return [Phase("start", 0.0, duration)]
-    injection, gravity = scene.effects.get("injection"), scene.effects.get("gravity")
+    injection, gravity, rotation = map(scene.effects.get, ("injection", "gravity", "eye_rotation"))
     fill = fill_at_start(scene, lambda name: load_scene(folder / f"{name}.yaml", scene.accuracy))
     spans = [("turn", one.start, one.start + one.duration) for one in (gravity.turns if gravity else ())]
     spans += [("jolt", one.start, one.start + one.duration) for one in (gravity.jolts if gravity else ())]
+    if rotation and not rotation.oscillation:
+        spans += [("saccades", one.start, one.end) for one in rotation.saccades]
     if injection and fill:
         missing = max(0.0, injection.fill - fill.get(injection.liquid, 0.0)) * cavity_volume
         spans.append(("injection", injection.start, injection.time_of(missing)))

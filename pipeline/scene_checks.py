@@ -18,6 +18,7 @@ from pipeline.eye_shape import eye_shape
 from pipeline.scene_model import Block, Container, Eye, Initial, Material, Output, Scene
 from pipeline.scene_reader import Key, NotRead
 from sim.effects import REGISTRY
+from sim.effects.eye_rotation import LARGEST_PEAK, SMALLEST_PEAK
 from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
@@ -194,6 +195,35 @@ def _turns_follow_each_other(effects: dict) -> Found:
         if following.start < end - 1e-9:
             yield (("effects", "gravity", "turns", index + 1, "start"),
                    f"is {following.start:g} s, but the turn before ends at {end:g} s, and turns must not overlap")
+
+
+@_check
+def _rotation_is_one_movement(effects: dict, dimension: int) -> Found:
+    rotation = effects.get("eye_rotation")
+    if rotation is None:
+        return
+    key = ("effects", "eye_rotation")
+    if rotation.saccades and rotation.oscillation:
+        yield (*key, "oscillation"), "is given beside saccades, but an eye does one or the other"
+    places = [(*key, "saccades", index) for index in range(len(rotation.saccades))]
+    for place, saccade in zip(places, rotation.saccades, strict=True):
+        if not SMALLEST_PEAK <= saccade.peak_over_mean <= LARGEST_PEAK:
+            yield ((*place, "peak_rate"),
+                   f"is {saccade.peak_over_mean:.3g} times the mean rate, but must be {SMALLEST_PEAK:.3g} to "
+                   f"{LARGEST_PEAK:.3g} times it (amplitude over duration)")
+        if saccade.count > 1 and saccade.interval < saccade.lasts - 1e-9:
+            yield (*place, "interval"), (f"is {saccade.interval:g} s, but each of the saccades takes "
+                                         f"{saccade.lasts:g} s, and they must not overlap")
+    for place, (one, following) in zip(places[1:], itertools.pairwise(rotation.saccades), strict=True):
+        if following.start < one.end - 1e-9:
+            yield ((*place, "start"), f"is {following.start:g} s, but the saccade before ends at {one.end:g} s, and "
+                                      "saccades must not overlap")
+    movements = [(("oscillation",), rotation.oscillation)] if rotation.oscillation else []
+    for place, movement in [*movements, *((place[2:], s) for place, s in zip(places, rotation.saccades, strict=True))]:
+        if not any(movement.axis):
+            yield (*key, *place, "axis"), "is (0, 0, 0), but must have a direction"
+        elif dimension == 2 and any(movement.axis[:2]):
+            yield (*key, *place, "axis"), "must be along z in two dimensions, as in [0, 0, 1]"
 
 
 @_check

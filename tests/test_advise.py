@@ -248,6 +248,11 @@ THIN = "liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 1 mPa s}}\
     # A free surface needs its weight.
     ("blocks: [{liquid: silicone_oil_1000, lower: [0, 0, 0], upper: [0.1, 0.05, 0.1]}]",
      {"gravity": "the liquid has a free surface"}),
+    # An eye that turns: 0.1 deg of 0.1 m is less than a spacing, and what is cut off is said.
+    ("effects: {viscosity: {}, gravity: {}, eye_rotation: {oscillation: {amplitude: 0.1 deg, frequency: 5 Hz}}}",
+     {"eye_rotation": "cannot be seen: the wall moves by"}),
+    ("effects: {viscosity: {}, gravity: {}, eye_rotation: {saccades: [{start: 1.99 s, amplitude: 30 deg}]}}",
+     {"eye_rotation": "the last one ends at 2.08 s, but the scene at 2 s"}),
     # What the scene does not reach.
     ("effects: {gravity: {turns: [{start: 3 s, to: prone}], jolts: [{start: 1 s, acceleration: [0, 9, 0]}]}, "
      "viscosity: {}}", {"gravity": "the turn to prone is not reached: it starts at 3 s, but the scene ends at 2 s"}),
@@ -260,7 +265,7 @@ def test_warnings_are_exactly_those(advised, text, expected):
 
 
 @pytest.mark.parametrize(("name", "warned"), [
-    ("tamponade", []), ("emulsification", []), ("resting_eye", []), ("s1_tamponade_gamma3", []),
+    ("tamponade", []), ("emulsification", []), ("saccades", []), ("resting_eye", []), ("s1_tamponade_gamma3", []),
     ("coupling_2d", []), ("coupling_2d_dfsph", []), ("coupling_2d_wcsph", []),
     ("pbf_dam", []), ("pbf_stuck_on_wall", []),
     ("still_eye", ["interface_tension"]), ("jolted_eye", ["interface_tension"]),  # both leave it out on purpose

@@ -7,6 +7,7 @@ import taichi as ti
 from sim.effects import REGISTRY
 from sim.effects.cohesion import MEASURED, CohesionParameters
 from sim.effects.effect import Effect
+from sim.effects.eye_rotation import Oscillation, Saccade
 from sim.effects.viscoelastic import ElasticLiquid
 from sim.fields import Field, ParticleStore
 from sim.schemes import REGISTRY as SCHEMES
@@ -24,6 +25,7 @@ SHEDDING = {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}
 ACTIVE = {
     "injection": FLOW,
     "gravity": {},
+    "eye_rotation": {"oscillation": Oscillation(10.0, 5.0, (0.0, 0.0, 1.0))},
     "interface_tension": {"coefficient": 0.04},
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},
@@ -40,6 +42,7 @@ ACTIVE = {
 ZERO = {
     "injection": FLOW | {"start": 1e9},
     "gravity": {"magnitude": 0.0},
+    "eye_rotation": {"saccades": (Saccade(0.0, 0.0, (0.0, 0.0, 1.0)),)},
     "interface_tension": {"coefficient": 0.0},
     "cohesion": {"gamma": 0.0},
     "curvature": {"gamma": 0.0},

@@ -17,6 +17,7 @@ from pipeline.study_tank import cavity
 from pipeline.young_laplace import oil_at_rest
 from sim.effects.contact_line_emulsification import ContactLineEmulsificationParameters
 from sim.effects.diffusion import DiffusionParameters
+from sim.effects.eye_rotation import EyeRotationParameters, Saccade
 from sim.effects.interface_tension import InterfaceTensionParameters
 from sim.settings import Numerics
 
@@ -52,7 +53,9 @@ def make_state(initial, oil, *, velocity=0.0, position=None, statistics=None, ti
 
 
 def values(state):
-    return {column: number for one in metrics.METRICS for column, number in one.columns(state).items()}
+    turns = "eye_rotation" in state.scene.effects
+    return {column: number for one in metrics.METRICS if turns or not one.of_rotation
+            for column, number in one.columns(state).items()}
 
 
 def level_of_fill(fill):
@@ -239,6 +242,25 @@ def test_emulsion_is_counted_where_it_is(sphere):
             whole["emulsion_whole [mL]"])
 
 
+def test_stress_on_the_retina_of_an_eye_that_turns(sphere):
+    """Liquid that lags behind like a layer sheared along the wall: mu G sin(theta), over the retina; 2 %."""
+    position = sphere["fluid_position"]
+    depth = RADIUS - np.linalg.norm(position, axis=1)
+    around = np.stack([position[:, 2], np.zeros(len(position)), -position[:, 0]], axis=1) / RADIUS
+    rotation = EyeRotationParameters(saccades=(Saccade(0.0, 20.0),))
+    scene = dataclasses.replace(make_scene(), effects={"eye_rotation": rotation})
+    state = make_state(sphere, np.ones(len(position)), time=0.065)
+    frame = dataclasses.replace(state.frame, velocity=3.0 * depth[:, None] * around)
+    found = values(Measured(scene, sphere, frame))
+    assert found["gaze [deg]"] == pytest.approx(20.0) and found["eye_rate [deg/s]"] == pytest.approx(0.0, abs=1e-6)
+    wall = sphere["wall_position"][sphere["wall_distance"] < SPACING]
+    direction = wall / np.linalg.norm(wall, axis=1)[:, None]
+    sine = np.hypot(direction[:, 0], direction[:, 2])[np.arccos(-direction[:, 2]) <= np.radians(115.0)]
+    stress = 3.0 * OIL.dynamic_viscosity * sine
+    assert found["retina_shear_stress_mean [Pa]"] == pytest.approx(stress.mean(), rel=0.02)
+    assert found["retina_shear_stress_high [Pa]"] == pytest.approx(np.percentile(stress, 99), rel=0.03)
+
+
 def test_droplets_are_counted_as_the_emulsion(sphere):
     """The third liquid is the oil in droplets: 2 millionths of the upper half, 20 at the very front."""
     position = sphere["fluid_position"]
@@ -268,7 +290,10 @@ def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     scene = make_scene()
     assert not any(one.of_mixture for one in metrics.metrics_of(scene))
     mixing = dataclasses.replace(scene, effects={"diffusion": DiffusionParameters(1e-6)})
-    assert metrics.metrics_of(mixing) == metrics.METRICS
+    assert metrics.metrics_of(mixing) == [one for one in metrics.METRICS if not one.of_rotation]
+    turning = dataclasses.replace(scene, effects=mixing.effects | {
+        "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, 9.0),))})
+    assert metrics.metrics_of(turning) == metrics.METRICS
 
 
 def test_every_metric_is_explained(capsys):

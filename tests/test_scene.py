@@ -209,6 +209,18 @@ BAD = {
     "turn without start": ("effects: {gravity: {turns: [{to: upright}]}}", "turns[0].start is missing"),
     "turns overlap": ("effects: {gravity: {turns: [{start: 1 s, to: upright}, {start: 1.5 s, to: prone}]}}",
                       "turns[1].start is 1.5 s, but the turn before ends at 2 s"),
+    "saccades overlap": ("effects: {eye_rotation: {saccades: [{start: 1 s, amplitude: 10 deg}, "
+                         "{start: 1.04 s, amplitude: 10 deg}]}}",
+                         "saccades[1].start is 1.04 s, but the saccade before ends at 1.043 s"),
+    "saccades too often": ("effects: {eye_rotation: {saccades: [{start: 1 s, amplitude: 50 deg, count: 2, "
+                           "interval: 0.1 s}]}}", "saccades[0].interval is 0.1 s, but each of the saccades takes 0.13"),
+    "impossible saccade": ("effects: {eye_rotation: {saccades: [{start: 1 s, amplitude: 10 deg, peak_rate: 2 deg/s}]}}",
+                           "saccades[0].peak_rate is 0.0086 times the mean rate, but must be 1.1"),
+    "saccades and oscillation": ("effects: {eye_rotation: {saccades: [{start: 1 s, amplitude: 9 deg}], "
+                                 "oscillation: {amplitude: 9 deg, frequency: 1 Hz}}}",
+                                 "oscillation is given beside saccades"),
+    "no axis": ("effects: {eye_rotation: {oscillation: {amplitude: 9 deg, frequency: 1 Hz, axis: [0, 0, 0]}}}",
+                "oscillation.axis is (0, 0, 0), but must have a direction"),
     "no drain": ("effects: {injection: {drain: null}}",
                  "drain is missing (mouth of the drain): the closed cavity is full and liquids are incompressible"),
     "no drained liquid": ("effects: {injection: {drained_liquid: null}}", "as much must leave as enters"),

@@ -7,6 +7,7 @@ from sim.effects.curvature import Curvature
 from sim.effects.diffusion import Diffusion
 from sim.effects.drift import Drift
 from sim.effects.effect import Effect
+from sim.effects.eye_rotation import EyeRotation
 from sim.effects.gravity import Gravity
 from sim.effects.injection import Injection
 from sim.effects.interface_tension import InterfaceTension
@@ -21,6 +22,7 @@ REGISTRY: dict[str, type[Effect]] = {
     for effect in (
         Injection,
         Gravity,
+        EyeRotation,
         InterfaceTension,
         Cohesion,
         Curvature,

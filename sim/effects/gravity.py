@@ -3,7 +3,8 @@
 In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
 instead of the large weight. Where the liquids have a free surface or a periodic axis, along which they may fall for
-ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out.
+ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out. Where
+`eye_rotation` turns the eye in the head, posture and jolts are those of the head.
 """
 import dataclasses
 
@@ -11,6 +12,7 @@ import numpy as np
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.eye_rotation import EyeRotationParameters
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -38,7 +40,8 @@ class Jolt:
 
     start: float = parameter(unit="s", minimum=0.0, meaning="time at which the jolt begins")
     acceleration: tuple[float, float, float] = parameter(
-        unit="m/s**2", minimum=-200.0, maximum=200.0, meaning="peak acceleration of the head, in the axes of the eye")
+        unit="m/s**2", minimum=-200.0, maximum=200.0,
+        meaning="peak acceleration of the head, in the axes of an eye that looks ahead")
     duration: float = parameter(0.05, unit="s", exclusive_minimum=0.0, meaning="time the jolt takes")
 
 
@@ -79,6 +82,7 @@ class Gravity(Effect):
         if not solver.settings.closed or any(solver.settings.periods):
             self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())
+        self.rotation = next((p for p in solver.settings.effects if isinstance(p, EyeRotationParameters)), None)
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
@@ -90,7 +94,11 @@ class Gravity(Effect):
         for turn in self.parameters.turns:
             s = min(max((time - turn.start) / turn.duration, 0.0), 1.0)
             held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
-        return np.asarray(held)
+        return self._in_eye(np.asarray(held), time)
+
+    def _in_eye(self, vector: np.ndarray, time: float) -> np.ndarray:
+        """A vector (3,) of the head in the axes of the eye."""
+        return self.rotation.into_eye(vector, time) if self.rotation else vector
 
     def at(self, time: float) -> np.ndarray:
         """Gravity less the acceleration of the head at `time`, in the eye, (dimension,), m/s^2."""
@@ -98,7 +106,7 @@ class Gravity(Effect):
         for jolt in self.parameters.jolts:
             phase = (time - jolt.start) / jolt.duration
             if 0.0 < phase < 1.0:
-                total = total - np.sin(np.pi * phase) * np.array(jolt.acceleration)
+                total = total - self._in_eye(np.sin(np.pi * phase) * np.array(jolt.acceleration), time)
         return total[: self.solver.dimension]
 
     def largest_acceleration(self) -> float:

@@ -1,0 +1,244 @@
+"""The eye turns in the head: saccades and oscillations, in the frame of the eye, in which the wall rests.
+
+Where the eye has the angular velocity w, liquid at r from the center of rotation with the velocity u, seen from the
+eye, is accelerated by
+
+    -dw/dt x r - 2 w x u - w x (w x r)      (Euler, Coriolis, centrifugal).
+
+The first is taken as the change of w over the whole step, so that the turn of the liquid is as large as that of the
+eye whatever the step; the second turns u without changing its length (Boris 1970), so that it does no work. Gravity,
+given in the axes of the head, turns the other way round in the eye.
+
+A saccade of amplitude A lasts D with the peak rate P. Both follow the main sequence: D = 21 ms + 2.2 ms/deg A
+(Carpenter 1988) and P = 1.64 A/D. Its rate is P (4 s (1 - s))^n, s the share of the time that is over, with the power n
+that makes the angle A.
+"""
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import taichi as ti
+from scipy.optimize import brentq
+from scipy.special import beta, betainc
+
+from sim.effects.effect import Effect
+from sim.parameters import parameter
+from sim.runtime import real
+
+SHORTEST, PER_DEGREE = 21e-3, 2.2e-3  # s and s/deg, duration of a saccade
+PEAK_OVER_MEAN = 1.64  # rate of a saccade
+POWERS = (0.25, 8.0)  # n, between a rate that is nearly constant and a sharp peak
+STEPS = 40  # time steps in a saccade, or in half a period, at least
+
+
+def _peak_over_mean(power: float) -> float:
+    """Peak over mean of the rate (4 s (1 - s))^n."""
+    return 1.0 / (4.0**power * beta(power + 1.0, power + 1.0))
+
+
+SMALLEST_PEAK, LARGEST_PEAK = map(_peak_over_mean, POWERS)  # over the mean
+
+
+@dataclasses.dataclass(frozen=True)
+class Saccade:
+    """A quick turn of the eye, or several back and forth."""
+
+    start: float = parameter(unit="s", minimum=0.0, meaning="time at which the saccade begins")
+    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=120.0, meaning="angle that the eye turns by")
+    axis: tuple[float, float, float] = parameter(
+        (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0,
+        meaning="axis of the turn in the eye, of any length, by the right hand; (0, 1, 0) looks to the patient's left")
+    duration: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
+                                       meaning="time it takes (default: by the main sequence)")
+    peak_rate: float | None = parameter(None, unit="deg/s", exclusive_minimum=0.0,
+                                        meaning="largest angular velocity (default: by the main sequence)")
+    count: int = parameter(1, minimum=1, maximum=10000, meaning="number of saccades, every other one back again")
+    interval: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="from one begin to the next")
+
+    @property
+    def lasts(self) -> float:
+        """Duration D of one saccade, s."""
+        return self.duration or SHORTEST + PER_DEGREE * self.amplitude
+
+    @property
+    def end(self) -> float:
+        """Time at which the last saccade is over, s."""
+        return self.start + (self.count - 1) * self.interval + self.lasts
+
+    @property
+    def peak_over_mean(self) -> float:
+        """Largest over mean rate, P D/A."""
+        return self.peak_rate * self.lasts / self.amplitude if self.peak_rate and self.amplitude else PEAK_OVER_MEAN
+
+    @functools.cached_property
+    def power(self) -> float:
+        """The power n of the rate."""
+        return brentq(lambda n: _peak_over_mean(n) - self.peak_over_mean, *POWERS)
+
+    @property
+    def peak(self) -> float:
+        """Largest angular velocity, rad/s."""
+        return math.radians(self.amplitude) * self.peak_over_mean / self.lasts
+
+    def _share(self, time: float) -> tuple[int, float]:
+        """Which of the saccades is the last that has begun, -1 before the first, and the share of it that is over."""
+        index = min(max(math.floor((time - self.start) / self.interval), -1), self.count - 1)
+        return index, min(max((time - self.start - index * self.interval) / self.lasts, 0.0), 1.0)
+
+    def angle(self, time: float) -> float:
+        """Angle by which it has turned the eye at a time, rad."""
+        index, share = self._share(time)
+        if index < 0:
+            return 0.0
+        turned = float(betainc(self.power + 1.0, self.power + 1.0, share))
+        return math.radians(self.amplitude) * (turned if index % 2 == 0 else 1.0 - turned)
+
+    def rate(self, time: float) -> float:
+        """Angular velocity at a time, rad/s."""
+        index, share = self._share(time)
+        if index < 0:
+            return 0.0
+        return (-1.0) ** index * self.peak * (4.0 * share * (1.0 - share)) ** self.power
+
+    def scale(self, time: float, step: float) -> float:
+        """Duration of the movement that a step from a time on falls into, s; infinite where there is none."""
+        index, share = self._share(time + step)
+        begun = index >= 0 and time < self.start + index * self.interval + self.lasts
+        return self.lasts if begun and share > 0.0 else math.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class Oscillation:
+    """A turn back and forth without end, as a sine from the start of the scene on."""
+
+    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=90.0, meaning="largest angle to either side")
+    frequency: float = parameter(unit="Hz", exclusive_minimum=0.0, maximum=1000.0, meaning="periods per second")
+    axis: tuple[float, float, float] = parameter(
+        (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0, meaning="axis of the turn in the eye, of any length")
+
+    @property
+    def pulsation(self) -> float:
+        """Pulsation 2 pi f, 1/s."""
+        return 2.0 * math.pi * self.frequency
+
+    @property
+    def lasts(self) -> float:
+        """Duration of a turn from one side to the other, half a period, s."""
+        return 0.5 / self.frequency
+
+    @property
+    def peak(self) -> float:
+        """Largest angular velocity, rad/s."""
+        return math.radians(self.amplitude) * self.pulsation
+
+    def angle(self, time: float) -> float:
+        """Angle at a time, rad."""
+        return math.radians(self.amplitude) * math.sin(self.pulsation * time)
+
+    def rate(self, time: float) -> float:
+        """Angular velocity at a time, rad/s."""
+        return self.peak * math.cos(self.pulsation * time)
+
+    def scale(self, time: float, step: float) -> float:
+        """Duration of the movement that a step from a time on falls into, s."""
+        return self.lasts
+
+
+@dataclasses.dataclass(frozen=True)
+class EyeRotationParameters:
+    """Turns of the eye in the head, by saccades one after the other or by one oscillation."""
+
+    saccades: tuple[Saccade, ...] = parameter((), meaning="saccades, in order, not overlapping")
+    oscillation: Oscillation | None = parameter(None, meaning="turn back and forth without end, instead of saccades")
+    center: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), unit="m", minimum=-0.1, maximum=0.1, meaning="center of the rotation")
+
+    @property
+    def movements(self) -> tuple:
+        """All saccades, or the oscillation."""
+        return self.saccades + ((self.oscillation,) if self.oscillation else ())
+
+    @property
+    def peak(self) -> float:
+        """Largest angular velocity, rad/s."""
+        return max((movement.peak for movement in self.movements), default=0.0)
+
+    @property
+    def shortest(self) -> float:
+        """Duration of the shortest turn to one side, s."""
+        return min((movement.lasts for movement in self.movements), default=math.inf)
+
+    def angular_velocity(self, time: float) -> np.ndarray:
+        """Angular velocity of the eye in its own axes, (3,), rad/s."""
+        return sum((movement.rate(time) * unit(movement.axis) for movement in self.movements), np.zeros(3))
+
+    def into_eye(self, vector: np.ndarray, time: float) -> np.ndarray:
+        """A vector (3,) given in the axes of the head, in those of the eye, which agree where the eye looks ahead."""
+        for movement in self.movements:  # a later one turns about the axis that the earlier ones have turned
+            vector = turned(vector, unit(movement.axis), -movement.angle(time))
+        return vector
+
+
+def unit(axis) -> np.ndarray:
+    """Unit vector (3,) along an axis."""
+    return np.asarray(axis, float) / np.linalg.norm(axis)
+
+
+def turned(vector: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """A vector turned about a unit vector by an angle in rad (Rodrigues)."""
+    return (math.cos(angle) * vector + math.sin(angle) * np.cross(axis, vector)
+            + (1.0 - math.cos(angle)) * (axis @ vector) * axis)
+
+
+@ti.data_oriented
+class EyeRotation(Effect):
+    """Inertial forces in the frame of an eye that turns."""
+
+    name = "eye_rotation"
+    Parameters = EyeRotationParameters
+    uses = ("position", "velocity")
+    periodic = False
+
+    def __init__(self, parameters, solver):
+        super().__init__(parameters, solver)
+        self.dimension = solver.dimension
+        self.center = ti.Vector(list(parameters.center[: solver.dimension]))
+        # Means over a step, along z alone in two dimensions: dw/dt and w, and w times the step.
+        self.acceleration, self.rate, self.turn = (ti.Vector.field(3, real(), shape=()) for _ in range(3))
+
+    @classmethod
+    def idle(cls, parameters, settings) -> str:
+        return "" if parameters.peak else "the eye turns by 0 deg"
+
+    def stable_time_step(self) -> float:
+        """A share of the movement that the next step falls into, s."""
+        longest = self.solver.settings.numerics.maximum_time_step
+        return min(movement.scale(self.solver.time, longest) for movement in self.parameters.movements) / STEPS
+
+    def prepare(self, dt: float) -> None:
+        begin, end = (self.parameters.angular_velocity(time) for time in (self.solver.time, self.solver.time + dt))
+        rate = 0.5 * (begin + end)
+        self.rate[None] = ti.Vector(list(rate))
+        self.turn[None] = ti.Vector(list(rate * dt))
+        self.acceleration[None] = ti.Vector(list((end - begin) / dt if dt else np.zeros(3)))
+
+    @ti.func
+    def _cross(self, w, v):
+        """w x v; in two dimensions w points out of the plane."""
+        result = v * 0.0
+        if ti.static(self.dimension == 2):
+            result = ti.Vector([-w[2] * v[1], w[2] * v[0]])
+        if ti.static(self.dimension == 3):
+            result = w.cross(v)
+        return result
+
+    @ti.func
+    def body_acceleration(self, i):
+        r = self.particles.position[i] - self.center
+        u = self.particles.velocity[i]
+        rate, turn = self.rate[None], self.turn[None]
+        a = -self._cross(self.acceleration[None], r) - self._cross(rate, self._cross(rate, r))
+        # Half the angle 2 w dt of the turn has the tangent w dt.
+        s = 2.0 / (1.0 + turn.norm_sqr())
+        return a - s * self._cross(rate, u - self._cross(turn, u))
