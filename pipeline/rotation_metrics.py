@@ -23,7 +23,7 @@ def eye_rate(state: Measured) -> float:
         state.scene.effects["eye_rotation"].angular_velocity(float(state.frame.time))))
 
 
-@metric("Pa", "shear stress of the liquid on the retina: mean, and what it exceeds on 1 % of it; a few percent too high "
+@metric("Pa", "shear stress of the liquid on the retina: mean, and what 1 % of it exceeds; a few percent too high "
               "where the layer that is dragged along is 2 particle spacings thick (study `validation`, T14), unknown "
               "where it is thinner", of_eye=True, of_rotation=True)
 def retina_shear_stress(state: Measured) -> dict[str, float]:
