@@ -19,6 +19,7 @@ from pipeline.measured import MIXED, Measured
 from pipeline.metric import Metric, registrar
 from pipeline.metrics_table import write_plots, write_summary, write_table
 from pipeline.progress import progress
+from pipeline.rest import rest_in_words
 from pipeline.scene import Scene, load_resolved
 
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
@@ -230,6 +231,8 @@ def main(arguments: list[str] | None = None) -> None:
     paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
     table = measure(scene, load_initial(options.initial), paths)
     write_table(options.output, table)
+    if rest := rest_in_words(table):
+        print(f"{scene.name}: {rest}", flush=True)
     if options.summary:
         write_summary(options.summary, table, metrics_of(scene), scene)
     if options.plots:

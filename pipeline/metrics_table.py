@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.errors import UserError
 from pipeline.files import replacing, replacing_folder
+from pipeline.rest import rest_in_words
 
 TIME = "time [s]"
 STYLE = "body{font:15px sans-serif;margin:2em}td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right}" \
@@ -92,7 +93,10 @@ def write_plots(folder: Path, table: Mapping[str, np.ndarray], metrics: Sequence
 
 
 def write_summary(path: Path, table: Mapping[str, np.ndarray], metrics: Sequence, scene) -> None:
-    """Write a page with one row per column: first, last, smallest and largest number, unit and meaning."""
+    """Write a page with one row per column: first, last, smallest and largest number, unit and meaning.
+
+    Above it, whether the scene has come to rest.
+    """
     meanings = {metric.name: metric.meaning for metric in metrics}
     units = {metric.name: "" if metric.unit == "1" else metric.unit for metric in metrics}
     rows = []
@@ -108,7 +112,7 @@ def write_summary(path: Path, table: Mapping[str, np.ndarray], metrics: Sequence
     page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: metrics</title>'
             f"<style>{STYLE}</style></head><body><h1>{title}</h1><p>{html.escape(scene.description)}</p>"
             f"<p>{len(table['frame'])} frames, accuracy {html.escape(scene.accuracy)}, particle spacing "
-            f"{1e3 * scene.numerics.particle_spacing:g} mm.</p>"
+            f"{1e3 * scene.numerics.particle_spacing:g} mm.</p><p>{html.escape(rest_in_words(table).capitalize())}</p>"
             f"<table><tr>{heads}</tr>{''.join(rows)}</table></body></html>\n")
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")

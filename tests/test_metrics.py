@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import synthetic_frames
 
-from pipeline import metrics
+from pipeline import metrics, rest
 from pipeline.coverage import WallContact
 from pipeline.errors import UserError
 from pipeline.frames import FrameData, frame_path, write_frame
@@ -294,6 +294,21 @@ def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     turning = dataclasses.replace(scene, effects=mixing.effects | {
         "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, 9.0),))})
     assert metrics.metrics_of(turning) == metrics.METRICS
+
+
+def table_of(coverage):
+    time = np.linspace(0.0, 2.0, 21)
+    return {"time [s]": time} | {f"retina_coverage_{part} [%]": coverage(time) for part in rest.PARTS}
+
+
+def test_scene_says_whether_it_is_at_rest():
+    settling = table_of(lambda t: 60.0 + 5.0 * np.exp(-2.0 * t))  # 0.29 points per second around 1.75 s
+    assert rest.rest_in_words(settling).startswith("at rest: in the last 0.5 s the covered share")
+    moving = table_of(lambda t: 60.0 + 3.0 * t) | {"retina_coverage_inferior [%]": 30.0 - 4.0 * np.linspace(0, 2, 21)}
+    assert rest.rest_in_words(moving).startswith("not at rest") and "(inferior) changes by -4 points" in (
+        rest.rest_in_words(moving))
+    short = {name: values[:4] for name, values in moving.items()}
+    assert rest.rest_in_words(short) == rest.rest_in_words({"time [s]": np.linspace(0.0, 2.0, 21)}) == ""
 
 
 def test_every_metric_is_explained(capsys):
