@@ -45,7 +45,7 @@ class FrameData:
     position : (n, dimension) float, m.
     id, phase : (n,) int; ``phase`` is the liquid with the largest fraction.
     velocity : (n, 3) float, m/s (third component 0 in 2D).
-    pressure : (n,) float, Pa.
+    pressure : (n,) float, Pa, with what gravity and interface tension keep out of the solve: their potentials.
     volume : (n,) float, m**3.
     volume_fraction : (n, liquids) float; 0 or 1 where the liquids do not mix.
     compression_rate : (n,) float, 1 at rest.

@@ -8,7 +8,7 @@ from pipeline.wall_shear import wall_shear_stress
 METRICS: list[Metric] = []
 metric = registrar(METRICS)
 
-HIGH = 99  # percent of the retina that a high stress is above: one wall point alone says little
+HIGH = 99  # percentile of the stress over the retina that is called high: the largest is that of one wall point
 
 
 @metric("deg", "angle between the optic axis and straight ahead", of_rotation=True)

@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
-from sim.runtime import real, real_numpy, threads
+from sim.runtime import real, real_numpy
 from sim.signed_distance import SignedDistance
 
 SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings
@@ -17,7 +17,6 @@ SHALLOW = 2.0  # depth of those that nodes inside are next to, and images of gho
 WALL_DEPTH = 0.5  # nodes less than this deep in the liquid stand for the wall, in cells: the nearest ones to it
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
-NARROWEST_SLAB = 24  # nodes along the last axis that one thread splats to: particles near its ends are taken twice
 FAR = 4.0  # |phi| outside the band, in particle spacings
 
 
@@ -43,7 +42,7 @@ class LevelSet:
         self.wall_rows = solver.search.wall_rows
         self.cosine = float(np.cos(contact_angle))
         self.sine = float(np.sin(contact_angle))
-        self.reach = int(np.floor(SPLAT_RADIUS * self.spacing / self.cell))
+        self.row = int(np.ceil(2.0 * SPLAT_RADIUS * self.spacing / self.cell))  # nodes that one splat reaches in a row
         size = self.grid.size
         self.phi, self.phi_next, self.weight, self.curvature = (ti.field(real(), shape=size) for _ in range(4))
         self.normal = ti.Vector.field(self.dimension, real(), shape=size, layout=ti.Layout.SOA)
@@ -63,9 +62,10 @@ class LevelSet:
         self.started = ti.field(ti.i32, shape=())
         self.steps = self.grid.strides
         self.last = self.dimension - 1
-        # Two slabs for every thread, as they are not alike; what comes of them is the same with any number.
-        self.slab = max(NARROWEST_SLAB, -(-self.grid.shape[self.last] // (2 * threads())))
-        self.slabs = -(-self.grid.shape[self.last] // self.slab)
+        # Layers of search cells along the last axis, as thick as particles on both sides reach, and a cell more each.
+        thick = 2.0 * (SPLAT_RADIUS * self.spacing + self.cell)
+        self.slab = int(np.ceil(thick / solver.search.cell[self.last]))
+        self.slabs = -(-solver.search.shape[self.last] // self.slab)
         self.partial = partial_results(3)
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
@@ -168,45 +168,50 @@ class LevelSet:
         return ti.max(low, 0), ti.min(high, self.grid.shape[axis])
 
     @ti.func
-    def _splat_row(self, base, middle, rest, color, contrast, begin, end):
+    def _splat_row(self, base, middle, rest, color, contrast):
         """Add to the nodes of a row, from `base` on, whose square distance to the particle is below the radius's by
         `rest` less that along the row, in cells.
+
+        Always to as many nodes, some with weight zero: loops of known length become vectors.
         """
         radius = SPLAT_RADIUS * self.spacing / self.cell
-        low, high = self._nodes(middle, ti.sqrt(ti.max(rest, 0.0)), self.last)
-        for k in range(ti.max(low, begin), ti.min(high, end)):
-            step = k - middle
-            q = ti.min(ti.sqrt(radius * radius - rest + step * step) / radius, 1.0)
+        start = ti.cast(ti.ceil(middle - radius), ti.i32)
+        start = ti.min(ti.max(start, 0), self.grid.shape[self.last] - self.row)
+        n = base + start
+        first_step = (start - middle) / radius
+        off = 1.0 - rest / (radius * radius)
+        for k in ti.static(range(self.row)):
+            step = first_step + k / radius
+            q = ti.min(ti.sqrt(ti.max(off + step * step, 0.0)), 1.0)
             s = 1.0 - q
             w = (s * s) * (s * s) * (4.0 * q + 1.0)
             # Not "+=": that would be an atomic addition, though nobody else writes here.
-            n = base + k
-            self.weight[n] = self.weight[n] + w
-            self.phi_next[n] = self.phi_next[n] + w * color
+            self.weight[n + k] = self.weight[n + k] + w
+            self.phi_next[n + k] = self.phi_next[n + k] + w * color
             if ti.static(self.mixes):
-                self.contrast[n] = self.contrast[n] + w * contrast
+                self.contrast[n + k] = self.contrast[n + k] + w * contrast
 
     @ti.func
-    def _splat_one(self, x, color, contrast, begin, end):
-        """Add one particle to the sums of the nodes begin .. end - 1 along the last axis within the splat radius."""
+    def _splat_one(self, x, color, contrast):
+        """Add one particle to the sums of the nodes within the splat radius."""
         radius = SPLAT_RADIUS * self.spacing / self.cell
         place = (x - self.grid.origin) / self.cell
         low, high = self._nodes(place[0], radius, 0)
         for i in range(low, high):
             rest = radius * radius - (i - place[0]) ** 2
             if ti.static(self.dimension == 2):
-                self._splat_row(i * self.steps[0], place[1], rest, color, contrast, begin, end)
+                self._splat_row(i * self.steps[0], place[1], rest, color, contrast)
             else:
                 low_j, high_j = self._nodes(place[1], ti.sqrt(ti.max(rest, 0.0)), 1)
                 for j in range(low_j, high_j):
                     self._splat_row(i * self.steps[0] + j * self.steps[1], place[2], rest - (j - place[1]) ** 2, color,
-                                    contrast, begin, end)
+                                    contrast)
 
     @ti.func
-    def _set_far(self, x, value, begin, end):
-        """Set phi at the node nearest to x and at those around it, within begin .. end - 1 along the last axis."""
+    def _set_far(self, x, value):
+        """Set phi at the node nearest to x and at those around it."""
         center = self._nearest_node(x)
-        low, high = ti.max(center[self.last] - 1, begin), ti.min(center[self.last] + 2, end)
+        low, high = ti.max(center[self.last] - 1, 0), ti.min(center[self.last] + 2, self.grid.shape[self.last])
         if low < high:
             for row in ti.static(ti.grouped(ti.ndrange(*((-1, 2),) * (self.dimension - 1)))):
                 first_node = center
@@ -226,7 +231,8 @@ class LevelSet:
     def _splat(self):
         """Sums of weights and of weighted colors at the nodes near particles that see another color.
 
-        Every slab of nodes takes its particles in their order, so that sums do not depend on the number of threads.
+        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
+        sums do not depend on the number of threads.
         """
         for n in range(self.grid.size):
             self.weight[n] = 0.0
@@ -234,42 +240,31 @@ class LevelSet:
             if ti.static(self.mixes):
                 self.contrast[n] = 0.0
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
-        for slab in range(self.slabs):
-            begin = slab * self.slab
-            end = ti.min(begin + self.slab, self.grid.shape[self.last])
-            # Layers of search cells that reach into the slab; those at either end hold what lies beyond as well.
-            low, high = self._layers(begin, end)
-            for i in range(self._first_in_layer(self.search.cell_start, low),
-                           self._first_in_layer(self.search.cell_start, high + 1)):
-                if self.mixed[i] == 1:
-                    contrast = 1.0
-                    if ti.static(self.mixes):
-                        contrast = self.particle_contrast[i]
-                    self._splat_one(self.position[i], self.color[i], contrast, begin, end)
-                else:
-                    far = FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0)
-                    self._set_far(self.position[i], far, begin, end)
-            for b in range(self._first_in_layer(self.search.wall_cell_start, low),
-                           self._first_in_layer(self.search.wall_cell_start, high + 1)):
-                if self.wall_color[b] >= 0.0:
-                    contrast = 1.0
-                    if ti.static(self.mixes):
-                        contrast = self.wall_contrast[b]
-                    self._splat_one(self.walls.position[b], self.wall_color[b], contrast, begin, end)
+        for half in range((self.slabs + 1) // 2):
+            self._splat_slab(2 * half)
+        for half in range(self.slabs // 2):
+            self._splat_slab(2 * half + 1)
 
     @ti.func
-    def _layers(self, begin, end):
-        """First and last layer of search cells whose particles reach nodes begin .. end - 1 along the last axis."""
-        reach = SPLAT_RADIUS * self.spacing + self.cell
-        offset = self.grid.origin[self.last] - self.search.origin[self.last]
-        low = ti.cast(ti.floor((offset + begin * self.cell - reach) / self.search.cell[self.last]), ti.i32)
-        high = ti.cast(ti.floor((offset + (end - 1) * self.cell + reach) / self.search.cell[self.last]), ti.i32)
-        if begin == 0:
-            low = 0
-        if end == self.grid.shape[self.last]:
-            high = self.search.shape[self.last] - 1
-        return ti.math.clamp(low, 0, self.search.shape[self.last] - 1), ti.math.clamp(
-            high, 0, self.search.shape[self.last] - 1)
+    def _splat_slab(self, slab):
+        """Add the particles of one slab: those of the next but one reach no node in common."""
+        low, high = slab * self.slab, ti.min((slab + 1) * self.slab, self.search.shape[self.last])
+        for i in range(self._first_in_layer(self.search.cell_start, low),
+                       self._first_in_layer(self.search.cell_start, high)):
+            if self.mixed[i] == 1:
+                contrast = 1.0
+                if ti.static(self.mixes):
+                    contrast = self.particle_contrast[i]
+                self._splat_one(self.position[i], self.color[i], contrast)
+            else:
+                self._set_far(self.position[i], FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0))
+        for b in range(self._first_in_layer(self.search.wall_cell_start, low),
+                       self._first_in_layer(self.search.wall_cell_start, high)):
+            if self.wall_color[b] >= 0.0:
+                contrast = 1.0
+                if ti.static(self.mixes):
+                    contrast = self.wall_contrast[b]
+                self._splat_one(self.walls.position[b], self.wall_color[b], contrast)
 
     @ti.func
     def _in_band(self, n):

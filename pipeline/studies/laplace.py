@@ -1,7 +1,9 @@
 """T3, T4 and T5: a drop at rest: the pressure jump of Laplace, and currents that must die away.
 
 A drop of radius R in the middle of a round cavity of twice the radius, without gravity. The pressure inside is higher
-by sigma (d - 1) / R; it is read as the mean within 0.6 R less that beyond 1.4 R. Labels are rough by a fraction of a
+by sigma (d - 1) / R; it is read as the mean within 0.6 R less that beyond 1.4 R. Most of that jump is the potential of
+the tension itself, which is kept out of the solve and added on output: the jump tells how well the curvature is
+measured, and the currents whether forces balance. Labels are rough by a fraction of a
 spacing at the start, which sets the liquid in motion: the currents are read at the end as mu U / sigma with the largest
 speed, and must have decayed, where forms without balance keep them up for ever.
 
