@@ -11,13 +11,13 @@ metric = registrar(METRICS)
 HIGH = 99  # percentile of the stress over the retina that is called high: the largest is that of one wall point
 
 
-@metric("deg", "angle between the optic axis and straight ahead", of_rotation=True)
+@metric("deg", "angle between the optic axis and straight ahead", of_eye=True, of_rotation=True)
 def gaze(state: Measured) -> float:
     ahead = state.scene.effects["eye_rotation"].into_eye(np.array([0.0, 0.0, 1.0]), float(state.frame.time))
     return np.degrees(np.arccos(np.clip(ahead[-1], -1.0, 1.0)))
 
 
-@metric("deg/s", "angular velocity of the eye", of_rotation=True)
+@metric("deg/s", "angular velocity of the eye", of_eye=True, of_rotation=True)
 def eye_rate(state: Measured) -> float:
     return np.degrees(np.linalg.norm(
         state.scene.effects["eye_rotation"].angular_velocity(float(state.frame.time))))

@@ -106,11 +106,6 @@ def restart(**changes: object) -> None:
     initialize(**arguments)
 
 
-def threads() -> int:
-    """Worker threads of this process."""
-    return int(_started["threads"])
-
-
 def device() -> str:
     """Device of this process."""
     return str(_started["device"])

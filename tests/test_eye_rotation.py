@@ -1,10 +1,13 @@
 """The eye that turns: its movements, the forces in its frame, and the stress at its wall."""
+from types import SimpleNamespace
+
 import cavities
 import numpy as np
 import pytest
 
 from pipeline.signed_distance import SignedDistance
 from pipeline.studies import turned_sphere
+from pipeline.study_tank import Run
 from pipeline.wall_shear import wall_shear_stress
 from sim.effects.eye_rotation import EyeRotationParameters, Oscillation, Saccade
 from sim.settings import Liquid
@@ -59,6 +62,44 @@ def test_gravity_stays_with_the_head():
     gravity = next(effect for effect in solver.effects if effect.name == "gravity")
     np.testing.assert_allclose(gravity.at(0.0), [0.0, -9.81], atol=1e-12)
     np.testing.assert_allclose(gravity.at(1.0), [-9.81, 0.0], atol=1e-12)
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_liquid_at_rest_in_the_head_circles_in_the_eye(dimension):
+    """It moves at -w x r there, and is accelerated to the axis by w^2 times its distance and by -dw/dt x r.
+
+    The centrifugal force alone points outward; that of Coriolis, twice as large, turns it round. To (w dt)^2.
+    """
+    arrays = cavities.cavity("circle", 6.0 * cavities.SPACING, dimension)
+    axis = np.array(OUT if dimension == 2 else (0.6, -0.48, 0.64))
+    oscillation = Oscillation(20.0, 4.0, tuple(axis))
+    solver = cavities.build(arrays, liquids=(WATER,), phase=lambda x: np.zeros(len(x)), effects=(
+        cavities.parameters("eye_rotation", oscillation=oscillation),))
+    solver.time, dt = 0.03, 1e-5
+    (position,) = cavities.read(solver, "position")
+    r = np.zeros((len(position), 3))
+    r[:, :dimension] = position
+    w = oscillation.rate(solver.time) * axis
+    solver.particles.from_numpy("velocity", -np.cross(w, r)[:, :dimension])
+    effect, = solver.effects
+    effect.prepare(dt)
+    solver._accelerate(dt)
+    change = -oscillation.peak * oscillation.pulsation * np.sin(oscillation.pulsation * solver.time) * axis
+    expected = np.cross(w, np.cross(w, r)) - np.cross(change, r)
+    (found,) = cavities.read(solver, "acceleration")
+    np.testing.assert_allclose(found, expected[:, :dimension], atol=1e-3 * np.abs(expected).max())
+
+
+def test_stress_of_a_run_that_failed_is_no_number(monkeypatch):
+    """Rows of a run that went bad do not hold, and the study goes on."""
+    case = turned_sphere.Parameters(dimension=2, motion="saccade", resolutions=(8,))
+    failed = Run(SimpleNamespace(time=0.01, step_count=1, count={None: 1}), 0.1, "n=8",
+                 {"time": np.zeros(1)}, 0.0, 0.0, "went bad")
+    monkeypatch.setattr(turned_sphere, "_turned", lambda *_: failed)
+    outcome = turned_sphere.run(case)
+    judged = [row for row in outcome.rows if row.tolerance is not None]
+    assert len(judged) == 4 and not any(row.holds for row in judged) and "went bad" in outcome.remarks[0]
 
 
 @pytest.mark.usefixtures("taichi")

@@ -13,6 +13,7 @@ import taichi as ti
 
 from sim.effects.effect import Effect
 from sim.effects.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
+from sim.effects.viscous_weights import harmonic_mean
 from sim.fields import Field
 from sim.parameters import parameter
 
@@ -78,8 +79,7 @@ class Viscosity(Effect):
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
-        mu_i, mu_j = self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j]
-        mean = 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)
+        mean = harmonic_mean(self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j])
         return self._acceleration(i, mean, self.particles.velocity[i] - self.particles.velocity[j], x_ij, gradient)
 
     @ti.func

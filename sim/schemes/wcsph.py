@@ -80,7 +80,8 @@ class WCSPH(Scheme):
             self.density_ratio.fill(1.0)
 
     def expected_speed(self) -> float:
-        """Largest speed to be expected, m/s: start, free fall through the cavity, jolts, tension, cohesion.
+        """Largest speed to be expected, m/s: start, free fall through the cavity, jolts, a turn of the eye, tension,
+        cohesion.
 
         Without any of them it is the speed that the largest time step can follow.
         """
@@ -101,6 +102,8 @@ class WCSPH(Scheme):
             speeds += [np.linalg.norm(jolt.acceleration) * jolt.duration * 2.0 / np.pi
                        for jolt in gravity.parameters.jolts]
         speeds.append(math.sqrt(start**2 + 2.0 * fall))
+        if "eye_rotation" in effects:  # the wall, which the liquid lags behind
+            speeds.append(0.5 * effects["eye_rotation"].parameters.peak * self.walls.extent)
         if "interface_tension" in effects:
             density = solver.liquids[0].density + solver.liquids[1].density
             speeds.append(math.sqrt(effects["interface_tension"].coefficient * np.pi / (density * self.spacing)))
