@@ -25,9 +25,9 @@ def measure(name: str, level: str, threads: int) -> dict:
     """Run a scene in this process and return what it took, the parts in seconds by the clock."""
     from tqdm import tqdm
 
-    from pipeline.container import container_arrays
-    from pipeline.scene import load_scene
-    from pipeline.simulate import build_solver
+    from pipeline.cavity.container import container_arrays
+    from pipeline.scenes.load import load_scene
+    from pipeline.simulation.solver_setup import build_solver
     from sim.runtime import initialize
 
     scene = load_scene(ROOT / "config" / "scenes" / f"{name}.yaml", level)

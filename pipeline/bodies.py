@@ -14,13 +14,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pipeline.cli import run
-from pipeline.contour_lines import signed_area
-from pipeline.errors import UserError
-from pipeline.files import replacing
-from pipeline.progress import progress
-from pipeline.scene import Scene, load_resolved
-from pipeline.surface_files import lines_of, read_surface, surface_path
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing
+from pipeline.base.progress import progress
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
+from pipeline.surfaces.contour_lines import signed_area
+from pipeline.surfaces.surface_files import lines_of, read_surface, surface_path
 
 COLUMNS = {
     "frame": "number of the frame",

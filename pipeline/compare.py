@@ -18,13 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.cli import run
-from pipeline.effects import read_costs
-from pipeline.errors import UserError
-from pipeline.files import replacing, write_text
-from pipeline.metrics_table import STYLE, TIME, read_table
-from pipeline.picture_grid import as_png
-from pipeline.scene import Scene, load_resolved
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing, write_text
+from pipeline.base.page import STYLE
+from pipeline.base.tables import TIME, read_table
+from pipeline.pictures.picture_grid import as_png
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
+from pipeline.simulation.cost_files import read_costs
 
 # What is drawn and comes first in the table, as far as the scene has it; the other metrics follow.
 HEADLINES = ("retina_coverage_whole", "wall_coverage", "contact_arc", "fill", "center_of_mass_*_y", "speed_rms",

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.cli import run
-from pipeline.errors import UserError
-from pipeline.estimate import duration, memory
-from pipeline.files import size_of, write_text
-from pipeline.metrics_table import STYLE, read_table
-from pipeline.scene import load_resolved
-from pipeline.usage import KINDS, read_usage
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import size_of, write_text
+from pipeline.base.page import STYLE
+from pipeline.base.tables import read_table
+from pipeline.base.usage import KINDS, read_usage
+from pipeline.base.words import duration, memory
+from pipeline.scenes.load import load_resolved
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")

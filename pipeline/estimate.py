@@ -15,16 +15,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.cli import run
-from pipeline.devices import HELP, chosen_device
-from pipeline.dimensionless_numbers import shown
-from pipeline.errors import UserError
-from pipeline.files import write_text
-from pipeline.measurement import measured
-from pipeline.metrics_table import STYLE
-from pipeline.prediction import Prediction, predict
-from pipeline.scene import PROJECT_CONFIG, Scene, load_accuracy_levels, load_resolved, load_scene
-from pipeline.threads import checked_threads, solver_threads
+from pipeline.advice.dimensionless_numbers import shown
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
+from pipeline.base.page import STYLE
+from pipeline.base.threads import checked_threads
+from pipeline.base.words import duration, memory
+from pipeline.forecast.measurement import measured
+from pipeline.forecast.prediction import Prediction, predict
+from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
+from pipeline.scenes.model import Scene
+from pipeline.scenes.threads import solver_threads
 from sim.cores import available_cores
 
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
@@ -40,19 +43,6 @@ class Estimate:
     scene: str
     title: str
     levels: tuple[Prediction, ...]
-
-
-def duration(value: float) -> str:
-    """Return a time, s, as people read it."""
-    for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 100.0), ("h", 3600.0, 72.0)):
-        if value < limit * size:
-            return f"{value / size:.3g} {unit}"
-    return f"{value / 86400.0:.3g} days"
-
-
-def memory(value: float) -> str:
-    """Return a number of bytes as people read it."""
-    return f"{value / 2**20:.0f} MiB" if value < 2**30 else f"{value / 2**30:.3g} GiB"
 
 
 def rows(level: Prediction) -> list[tuple[str, str]]:

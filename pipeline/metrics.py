@@ -1,9 +1,9 @@
 """Stage: numbers of every frame, as a table, plots and a summary.
 
-To add a metric, write one function of a :class:`~pipeline.measured.Measured` state and register it with ``@metric``: it
-becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of the report.
-Those of mixtures are in :mod:`pipeline.mixing_metrics`, those of eyes that turn in
-:mod:`pipeline.rotation_metrics`; ``--list`` prints what every column means.
+To add a metric, write one function of a :class:`~pipeline.measures.frame_view.Measured` state and register it with
+``@metric``: it becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of
+the report. Those of mixtures are in :mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in
+:mod:`pipeline.measures.rotation_metrics`; ``--list`` prints what every column means.
 """
 import argparse
 from collections.abc import Sequence
@@ -12,15 +12,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline import mixing_metrics, rotation_metrics
-from pipeline.frames import find_frames, read_frame
-from pipeline.initial import load_initial
-from pipeline.measured import MIXED, Measured
-from pipeline.metric import Metric, registrar
-from pipeline.metrics_table import write_plots, write_summary, write_table
-from pipeline.progress import progress
-from pipeline.rest import rest_in_words
-from pipeline.scene import Scene, load_resolved
+from pipeline.base.frame_files import find_frames, read_frame
+from pipeline.base.progress import progress
+from pipeline.base.tables import write_table
+from pipeline.cavity.initial_state import load_initial
+from pipeline.measures import mixing_metrics, rotation_metrics
+from pipeline.measures.frame_view import MIXED, Measured
+from pipeline.measures.metric import Metric, registrar
+from pipeline.measures.rest import rest_in_words
+from pipeline.measures.summary import write_plots, write_summary
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
 
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
 FULL_PARTICLE = 0.5
@@ -240,6 +242,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from pipeline.cli import run
+    from pipeline.base.cli import run
 
     run(main)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from PIL import Image
 
-from pipeline.cli import run
-from pipeline.errors import UserError
-from pipeline.files import replacing
-from pipeline.progress import progress
-from pipeline.threads import library_threads
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing
+from pipeline.base.progress import progress
+from pipeline.base.threads import library_threads
 
 QUALITY = 18            # constant rate factor of x264: visually without loss
 

@@ -6,17 +6,17 @@ import argparse
 import json
 from pathlib import Path
 
-from pipeline.cli import run
-from pipeline.devices import HELP, chosen_device
-from pipeline.droplets import DROPLET_PARTICLES
-from pipeline.errors import UserError
-from pipeline.files import replacing_folder
-from pipeline.frames import FrameData, find_frames, read_frame
-from pipeline.initial import load_initial
-from pipeline.liquid_surface import LiquidSurface, Reconstructor
-from pipeline.progress import progress
-from pipeline.surface_files import surface_path, write_copy, write_section, write_surface
-from pipeline.threads import checked_threads
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing_folder
+from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.progress import progress
+from pipeline.base.threads import checked_threads
+from pipeline.cavity.initial_state import load_initial
+from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.surfaces.droplets import DROPLET_PARTICLES
+from pipeline.surfaces.liquid_surface import LiquidSurface, Reconstructor
+from pipeline.surfaces.surface_files import surface_path, write_copy, write_section, write_surface
 
 LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
 
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
     options = parser.parse_args(arguments)
 
-    from pipeline.scene import load_resolved
+    from pipeline.scenes.load import load_resolved
     from sim.runtime import initialize
 
     scene, threads = load_resolved(options.scene), checked_threads(options.threads, "--threads")

@@ -1,6 +1,6 @@
 """Stage: surfaces and sections -> pictures: on the left where the oil is in the section, on the right its body.
 
-Containers have a picture of their own (``pipeline.container_picture``).
+Containers have a picture of their own (``pipeline.pictures.container_picture``).
 """
 import argparse
 from pathlib import Path
@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pipeline.cli import run
-from pipeline.container_picture import ContainerRenderer
-from pipeline.drawing import FAINT_INK, OVERSAMPLING, color_bar, header, pretty, reduce, write
-from pipeline.errors import UserError
-from pipeline.files import replacing_folder
-from pipeline.frames import FrameData, find_frames, read_frame
-from pipeline.progress import progress
-from pipeline.section_panel import COLORS, DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
-from pipeline.surface_files import read_section, read_surface, surface_path
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing_folder
+from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.progress import progress
+from pipeline.pictures.container_picture import ContainerRenderer
+from pipeline.pictures.marks import FAINT_INK, OVERSAMPLING, color_bar, header, pretty, reduce, write
+from pipeline.pictures.section_panel import COLORS, DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
+from pipeline.surfaces.surface_files import read_section, read_surface, surface_path
 
 HEADER, FOOTER = 0.125, 0.115       # of the height
 WATERS = ("aqueous", "water", "balanced_salt_solution")
@@ -32,7 +32,7 @@ class Renderer:
     """
 
     def __init__(self, scene, eye_surface=None):
-        from pipeline.eye_view import EyeView
+        from pipeline.pictures.eye_view import EyeView
 
         self.scene = scene
         self.size = tuple(OVERSAMPLING * length for length in scene.output.image_size)
@@ -104,7 +104,7 @@ class Renderer:
             self._legend(draw, u)
 
     def _legend(self, draw: ImageDraw.ImageDraw, u: float) -> None:
-        from pipeline.eye_view import TOUCH_COLOR
+        from pipeline.pictures.eye_view import TOUCH_COLOR
 
         write(draw, (self.split + 4.0 * u, self.top), "the eye opened,", 2.3 * u, color=FAINT_INK)
         write(draw, (self.split + 4.0 * u, self.top + 3.0 * u), "left half of its wall removed", 2.3 * u,
@@ -118,7 +118,7 @@ class Renderer:
 
     def _color(self, index: int) -> str:
         """Yellow for the one oil, as in the section; several liquids have the scene's colors."""
-        from pipeline.eye_view import FREE_COLOR
+        from pipeline.pictures.eye_view import FREE_COLOR
 
         return FREE_COLOR if len(self.shown) == 1 else self.scene.liquids[index].color
 
@@ -169,8 +169,8 @@ def main(arguments: list[str] | None = None) -> None:
                         help="leave out the view of the body on the right; needs no OpenGL")
     options = parser.parse_args(arguments)
 
-    from pipeline.opengl import use_working_opengl
-    from pipeline.scene import load_resolved
+    from pipeline.pictures.opengl import use_working_opengl
+    from pipeline.scenes.load import load_resolved
 
     scene = load_resolved(options.scene)
     eye = None

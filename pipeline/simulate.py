@@ -4,228 +4,24 @@ import dataclasses
 import functools
 import json
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
+from pipeline.advice.report import report_of, text_of
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing_folder, write_text
+from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoint, write_frame
+from pipeline.base.progress import progress
+from pipeline.cavity.initial_state import load_initial
+from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.memory_check import too_large
+from pipeline.scenes.model import Scene
+from pipeline.scenes.threads import chosen_threads
+from pipeline.simulation.runner import Runner, restore
+from pipeline.simulation.solver_setup import build_solver, frame_of
 
-from pipeline.advise import report_of, text_of
-from pipeline.blocks import contains
-from pipeline.cli import run
-from pipeline.devices import HELP, chosen_device
-from pipeline.errors import UserError
-from pipeline.files import replacing_folder, write_text
-from pipeline.frames import FrameData, frame_path, load_checkpoint, save_checkpoint, write_frame
-from pipeline.initial import load_initial
-from pipeline.memory_check import too_large
-from pipeline.progress import progress
-from pipeline.scene import Scene, load_resolved
-from pipeline.scene_model import Block
-from pipeline.threads import chosen_threads
-
-MORE_ROOM, MOST_ROOM = 1.5, 12.0  # growth of the room for neighbors where it is full; over that at rest, at most
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
-
-
-def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Liquid of every particle at t = 0: that of its block, or one liquid, or several stacked level, heavy ones below.
-
-    Parameters
-    ----------
-    position : (n, d), m; down : (d,) direction of gravity.
-
-    Returns
-    -------
-    (n,) phase indices; volumes are met to one particle.
-    """
-    names = [liquid.name for liquid in scene.liquids]
-    if scene.blocks:
-        return of_blocks(position, scene.blocks, [names.index(block.liquid) for block in scene.blocks])
-    if scene.initial.fill is None:
-        return np.full(len(position), names.index(scene.initial.liquid or names[0]))
-    fill = {names.index(name): value for name, value in scene.initial.fill.items()}
-    heavy_first = sorted(fill, key=lambda phase: -scene.liquids[phase].density)
-    bounds = np.round(np.cumsum([fill[phase] for phase in heavy_first]) * len(position)).astype(int)
-    phases = np.empty(len(position), int)
-    start = 0
-    bottom_first = np.argsort(-(position @ down), kind="stable")
-    for phase, end in zip(heavy_first, bounds, strict=True):
-        phases[bottom_first[start:end]] = phase
-        start = end
-    return phases
-
-
-def of_blocks(position: np.ndarray, blocks: Sequence[Block], values: Sequence) -> np.ndarray:
-    """Value (n, ...) of the block in which every particle lies; particles are (n, d), m."""
-    chosen = np.full(len(position), -1)
-    for index, block in enumerate(blocks):
-        chosen[contains(block, position)] = index
-    return np.asarray(values)[chosen]
-
-
-def initial_velocity(scene: Scene, position: np.ndarray) -> np.ndarray:
-    """Velocity (n, d) of every particle at t = 0: that of its block, else rest; m/s."""
-    if not scene.blocks:
-        return np.zeros_like(position)
-    return of_blocks(position, scene.blocks, [block.velocity or (0.0,) * scene.dimension for block in scene.blocks])
-
-
-def build_solver(scene: Scene, initial: dict[str, np.ndarray], head_room: float | None = None):
-    """Solver of a scene at t = 0, with every effect in its cheapest form; Taichi must run already.
-
-    Parameters
-    ----------
-    head_room : room for neighbors and particles (``sim.solver.Solver``); by default what a liquid near rest needs.
-    """
-    from sim.effects.gravity import POSTURES
-    from sim.lazy import cheapest
-    from sim.solver import Solver
-
-    gravity = scene.effects.get("gravity")
-    posture = POSTURES[gravity.posture] if gravity else POSTURES["upright"]
-    position = initial["fluid_position"]
-    phases = initial_phases(scene, position, np.array(posture[: position.shape[1]]))
-    settings, notes = cheapest(scene.settings())
-    solver = Solver(
-        settings, fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
-        fluid_velocity=initial_velocity(scene, position),
-        wall_position=initial["wall_position"], wall_volume=initial["wall_volume"],
-        wall_depth=initial["wall_distance"], sdf_values=initial["sdf_values"], sdf_origin=initial["sdf_origin"],
-        sdf_cell=initial["sdf_cell"], cavity_volume=initial["cavity_volume"],
-        **({} if head_room is None else {"head_room": head_room}))
-    solver.notes = [*notes, *solver.notes]
-    return solver
-
-
-def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
-    """The present state as a frame."""
-    arrays = solver.snapshot()
-    gravity = np.zeros(3)
-    for effect in solver.effects:
-        if effect.name == "gravity":
-            gravity = effect.parameters.magnitude * effect.direction(solver.time)
-    dimension = solver.dimension
-    mass = arrays["mass"].astype(float)
-    velocity = np.zeros((len(mass), 3), dtype=arrays["velocity"].dtype)
-    velocity[:, :dimension] = arrays["velocity"]
-    energies = {
-        "kinetic_energy": 0.5 * float(mass @ (arrays["velocity"].astype(float) ** 2).sum(1)),
-        "potential_energy": -float(mass @ (arrays["position"].astype(float) @ gravity[:dimension])),
-        "compression_maximum": float(arrays["compression_rate"].max()),
-    }
-    return FrameData(
-        position=arrays["position"], id=arrays["id"], phase=arrays["volume_fraction"].argmax(1), velocity=velocity,
-        pressure=arrays["pressure"], volume=arrays["volume"], volume_fraction=arrays["volume_fraction"],
-        compression_rate=arrays["compression_rate"], time=solver.time, step=solver.step_count, gravity=gravity,
-        particle_spacing=scene.numerics.particle_spacing, scene=scene.name,
-        liquids=tuple(liquid.name for liquid in scene.liquids), statistics=statistics | energies)
-
-
-class Average:
-    """Statistics of the steps between two frames: means, and largest values of what ends in `_maximum`."""
-
-    def __init__(self):
-        self.values: dict[str, list[float]] = {}
-
-    def add(self, statistics: dict[str, float]) -> None:
-        """Take in the statistics of one step."""
-        for name, value in statistics.items():
-            self.values.setdefault(name, []).append(value)
-
-    def summary(self) -> dict[str, float]:
-        """Return one number for every statistic."""
-        return {name: float(max(v) if name.endswith("_maximum") else np.mean(v)) for name, v in self.values.items()}
-
-
-class Runner:
-    """A solver that is built anew with more room where it is full. What it computes does not depend on the room.
-
-    Parameters
-    ----------
-    solver : the present one; None builds it.
-    rebuild : ``rebuild(head_room)`` returns the solver at t = 0; without it a full solver ends the run.
-    too_large : ``too_large(head_room)`` returns why that does not fit into memory, empty where it does.
-
-    Raises
-    ------
-    OutOfRoom
-        The start does not fit into the largest room.
-    """
-
-    def __init__(self, solver=None, rebuild: Callable | None = None, too_large: Callable[[float], str] = lambda _: ""):
-        from sim.errors import OutOfRoom
-        from sim.neighbor_rows import HEAD_ROOM
-
-        self.solver, self.rebuild, self.too_large = solver, rebuild, too_large
-        self.head_room = getattr(solver, "head_room", HEAD_ROOM)
-        if solver is None:
-            try:
-                self.solver = rebuild(self.head_room)
-            except OutOfRoom as error:
-                self.widen(None, error)
-
-    def widen(self, state: dict | None, error: Exception) -> None:
-        """Build the solver with more room, in a given state or at t = 0; what Taichi held before is void.
-
-        Raises
-        ------
-        OutOfRoom
-            `error` again, where nothing rebuilds, more room does not fit into memory, or liquid is compressed so far
-            that it is no remedy.
-        """
-        from sim.errors import OutOfRoom
-        from sim.runtime import restart as restart_taichi
-
-        kept = {name: getattr(self.solver, name) for name in ("seconds", "cpu_seconds") if self.solver}
-        while True:
-            self.head_room *= MORE_ROOM
-            if self.rebuild is None or self.head_room > MOST_ROOM:
-                raise error
-            if reason := self.too_large(self.head_room):
-                raise OutOfRoom(f"{error}, and there is no memory for more: numerics.particle_spacing {reason}")
-            print(f"{error}; going on from {float(state['time']) if state else 0.0:.4g} s with more room", flush=True)
-            self.solver = None
-            restart_taichi()
-            try:
-                self.solver = self.rebuild(self.head_room)
-                vars(self.solver).update(kept)
-                if state:
-                    self.solver.restore(state)
-            except OutOfRoom as again:
-                error = again
-            else:
-                return
-
-    def restore(self, state: dict) -> None:
-        """Take up a state, with more room where it needs that."""
-        from sim.errors import OutOfRoom
-
-        try:
-            self.solver.restore(state)
-        except OutOfRoom as error:
-            self.widen(state, error)
-
-    def advance(self, good: dict, until: float, after_step: Callable) -> dict[str, float]:
-        """Advance to the time `until`, s, and return the statistics of the steps (`Average`).
-
-        Parameters
-        ----------
-        good : state at the start, which the steps are repeated from with more room where the solver runs out of it.
-        after_step : called with the solver and the step taken, s, after every step.
-        """
-        from sim.errors import OutOfRoom
-
-        while True:
-            average = Average()
-            try:
-                for dt in self.solver.advance(until):
-                    average.add(self.solver.statistics)
-                    after_step(self.solver, dt)
-                self.solver.check_finite()
-            except OutOfRoom as error:
-                self.widen(good, error)
-            else:
-                return average.summary()
 
 
 def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> dict:
@@ -237,7 +33,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
 
     Returns
     -------
-    The times of the solver's parts after the steps of the warm-up (`sim.costs.times`), empty if there were no more
+    The times of the solver's parts after the steps of the warm-up (`sim.profiling.times`), empty if there were no more
     steps.
 
     Raises
@@ -245,8 +41,8 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     UserError
         When the run goes bad; the message names step, particle and part, and what is left to start from.
     """
-    from sim.costs import times
     from sim.errors import RunError
+    from sim.profiling import times
     from sim.time_step import SMALL_STEP, step_at_rest
 
     frames = scene.frames_of_segment(segment)
@@ -346,29 +142,6 @@ def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> 
                   f"{100 * share:.0f} % of the steps before {until:.4g} s", flush=True)
 
 
-def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
-    """Take up the state of a checkpoint.
-
-    Parameters
-    ----------
-    begins : the end of another scene is the start of this one: its time is zero, and what is planned has not begun.
-
-    Raises
-    ------
-    UserError
-        When the file holds no state of such a solver.
-    """
-    if begins:
-        planned = tuple(f"{effect.name}." for effect in runner.solver.effects if effect.planned)
-        state = {key: value for key, value in state.items() if not key.startswith(planned)}
-        state |= {"time": 0.0, "step_count": 0}
-    try:
-        runner.restore(state)
-    except (KeyError, ValueError, OverflowError) as error:
-        raise UserError(f"{path}: is no checkpoint that this scene can start from ({error}); it must have the same "
-                        "eye, particle spacing and liquids") from error
-
-
 def print_timings(solver) -> None:
     """One line per part of the solver: seconds and share."""
     total = sum(solver.seconds.values()) or 1.0
@@ -382,7 +155,7 @@ def print_timings(solver) -> None:
 
 def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
     """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON)."""
-    from sim.costs import allocated, costs
+    from sim.profiling import allocated, costs
     from sim.runtime import device
 
     parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
@@ -427,7 +200,7 @@ def main() -> None:
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
-    from sim.costs import counted_launches
+    from sim.profiling import counted_launches
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, threads, device)

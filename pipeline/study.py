@@ -9,13 +9,13 @@ import sys
 import time
 from pathlib import Path
 
-from pipeline.cli import run
-from pipeline.devices import HELP, checked_device
-from pipeline.files import replacing_folder
-from pipeline.study_model import Outcome
-from pipeline.study_plan import Case, load_study, study_names
+from pipeline.base.cli import run
+from pipeline.base.files import replacing_folder
+from pipeline.base.threads import checked_threads
+from pipeline.scenes.devices import HELP, checked_device
+from pipeline.study_kit.model import Outcome
+from pipeline.study_kit.plan import Case, load_study, study_names
 from pipeline.study_report import write_study
-from pipeline.threads import checked_threads
 
 OUTPUTS = Path("outputs/studies")
 

@@ -6,11 +6,11 @@ import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pipeline.cli import run
-from pipeline.files import replacing
-from pipeline.metrics_table import STYLE
-from pipeline.study_model import COLUMNS, Curve, Figure, Outcome
-from pipeline.study_plan import Study, load_study
+from pipeline.base.cli import run
+from pipeline.base.files import replacing
+from pipeline.base.page import STYLE
+from pipeline.study_kit.model import COLUMNS, Curve, Figure, Outcome
+from pipeline.study_kit.plan import Study, load_study
 
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
@@ -22,7 +22,7 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
     """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary."""
     outcomes = [Outcome.read(folder) for folder in folders]
     if study.report == "tradeoff":
-        from pipeline.tradeoff import unasked, write_tradeoff  # the solver takes a second to import
+        from pipeline.study_kit.tradeoff import unasked, write_tradeoff  # the solver takes a second to import
 
         outcomes = write_tradeoff(study, outcomes, target) + [unasked(outcome) for outcome in outcomes]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]

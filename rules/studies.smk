@@ -2,7 +2,7 @@
 
 The level is that of `--config accuracy=...`, or of the path: `snakemake -j2 outputs/studies/<study>/<level>/table.html`.
 """
-from pipeline.study_workflow import Studies
+from pipeline.workflow.studies import Studies
 
 studies = Studies(flow)
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from sim import effects as effect_registry
 from sim import schemes
-from sim.lazy import without_idle
+from sim.effect_selection import without_idle
 from sim.neighbor_rows import HEAD_ROOM, entries_at_rest
 from sim.neighbor_search import REACH
 from sim.settings import Settings

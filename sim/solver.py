@@ -8,9 +8,9 @@ import taichi as ti
 from sim import effects as effect_registry
 from sim import schemes
 from sim.diagnosis import Watcher, bad_number, described
+from sim.effect_selection import without_idle
 from sim.errors import OutOfRoom, RunError
 from sim.fields import Field, ParticleStore
-from sim.lazy import without_idle
 from sim.neighbor_rows import HEAD_ROOM
 from sim.neighbor_search import NeighborSearch, corners
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of

@@ -3,11 +3,12 @@
 Run as a script it advances the same cases in a process of its own, with another precision or number of threads.
 """
 import functools
+import math
 import sys
 
 import numpy as np
 
-from pipeline.shapes import shape_arrays
+from pipeline.cavity.shapes import shape_arrays
 from sim.effects import REGISTRY
 from sim.neighbor_rows import HEAD_ROOM
 from sim.packing import pack
@@ -17,6 +18,7 @@ from sim.solver import Solver
 SPACING = 1e-3
 RADIUS = 10e-3
 TANK_END = 0.02     # s
+INJECTION_END = 0.12  # s; from the droplet of some 8 % the fill is reached near 0.09 s
 AQUEOUS = Liquid("aqueous", 1005.0, 1e-3)
 OIL = Liquid("oil", 970.0, 1.0)
 
@@ -99,6 +101,25 @@ def injected(arrays, precision: str, more=(), **changes) -> Solver:
                  maximum_time_step=1e-3)
 
 
+def watched(solver) -> dict[str, np.ndarray]:
+    """Advance past the end of the flow; return the volumes and bounds after every step."""
+    start = {"cavity": np.array(solver.cavity_volume)}
+
+    def measure(solver):
+        phase = solver.particles.to_numpy("phase")
+        volume, position, compression = read(solver, "volume", "position", "compression_rate")
+        return {"time": solver.time, "aqueous": math.fsum(volume[phase == 0]), "oil": math.fsum(volume[phase == 1]),
+                "radius": np.linalg.norm(position, axis=1).max(), "smallest": volume.min() / solver.rest_volume,
+                "largest": volume.max() / solver.rest_volume, "compression_minimum": compression.min(),
+                "compression_maximum": compression.max(), "compression_low": np.percentile(compression, 2),
+                "compression_high": np.percentile(compression, 98), "count": len(volume),
+                "ids": len(set(solver.particles.to_numpy("id").tolist())),
+                "speed": np.linalg.norm(read(solver, "velocity")[0], axis=1).max()}
+
+    steps = run(solver, INJECTION_END, measure)
+    return start | {name: np.array([step[name] for step in steps]) for name in steps[0]}
+
+
 def part(arrays, name: str) -> dict[str, np.ndarray]:
     """Return the arrays whose names begin with `name` and a point, without that."""
     return {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
@@ -108,8 +129,7 @@ def main(precision: str, threads: str, source: str, target: str, *cases: str) ->
     """Advance the cases from the cavity in one file and write their results into another."""
     from sim.runtime import initialize
     initialize(precision, int(threads))
-    from test_injection import watched
-    from test_smoothing_kernels import sample_kernels
+    from kernel_samples import sample_kernels
     arrays = dict(np.load(source))
     results = {}
     if "tank" in cases:

@@ -26,7 +26,8 @@ def taichi():
 @pytest.fixture(scope="session")
 def can_draw() -> bool:
     """Return whether this machine has OpenGL; asked in a child process, because a missing library is a crash."""
-    return not subprocess.run([sys.executable, "-m", "pipeline.opengl"], cwd=ROOT, capture_output=True).returncode
+    ask = [sys.executable, "-m", "pipeline.pictures.opengl"]
+    return not subprocess.run(ask, cwd=ROOT, capture_output=True).returncode
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 """Frames without a simulation: a ball of jittered lattice particles, cut by a plane into oil above and water below."""
 import numpy as np
 
-from pipeline.frames import FrameData
+from pipeline.base.frame_files import FrameData
 
 RADIUS = 11e-3
 SPACING = 1.2e-3
@@ -45,3 +45,17 @@ def frame_of(position, fraction, *, volume=None, time=0.0, gravity=(0.0, -9.81, 
         velocity=np.zeros((count, 3), np.float32), pressure=np.zeros(count, np.float32), volume=volume,
         volume_fraction=fraction.astype(np.float32), compression_rate=np.zeros(count, np.float32), time=time, step=0,
         gravity=np.array(gravity), particle_spacing=SPACING, scene="ball", liquids=tuple(liquids))
+
+
+def make_frame(*, count=20, dimension=3, liquids=("aqueous", "silicone_oil_1000"), time=0.125):
+    """A frame of random numbers."""
+    random = np.random.default_rng(1)
+    fraction = random.dirichlet(np.ones(len(liquids)), count).astype(np.float32)
+    return FrameData(
+        position=random.normal(size=(count, dimension)).astype(np.float32), id=np.arange(count, dtype=np.int32),
+        phase=fraction.argmax(axis=1).astype(np.int32), velocity=random.normal(size=(count, 3)),
+        pressure=random.normal(size=count), volume=random.uniform(1e-10, 2e-10, count), volume_fraction=fraction,
+        compression_rate=random.normal(size=count), time=time, step=7, gravity=np.array([0, -9.81, 0]),
+        particle_spacing=8e-4, scene="demo", liquids=liquids,
+        statistics={"pressure_iterations": 12.0, "time_step": 1.25e-3}, extra={"drift": random.normal(size=(count, 3))},
+    )

@@ -5,7 +5,7 @@ from pathlib import Path
 import dam
 import numpy as np
 
-from pipeline.shapes import shape_arrays
+from pipeline.cavity.shapes import shape_arrays
 from sim import schemes
 from sim.effects import REGISTRY
 from sim.runtime import initialize

@@ -33,7 +33,7 @@ def measure(scheme: str, n: int, threads: int) -> dict[str, float]:
     """Run the dam with n^3 particles in this process and return what it took."""
     from ours import build
 
-    from sim.costs import allocated
+    from sim.profiling import allocated
     from sim.runtime import initialize
 
     initialize("f32", threads)

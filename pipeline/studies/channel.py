@@ -12,8 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -24,7 +24,7 @@ DENSITY = 1000.0  # kg/m^3
 THIN = 1.0  # Pa s, mu_2
 PERIOD = 12  # length of the channel in particle spacings
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
-HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("channel_profile", "T12: velocity of two layers in a channel, finest resolution", "velocity / largest",
            "y / H"),

@@ -14,10 +14,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pipeline.frames import FrameData, find_frames, read_frame
-from pipeline.picture_grid import as_png, draw_particles, panels
-from pipeline.scene import Scene, load_resolved
-from pipeline.study_model import Outcome, Row
+from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.pictures.picture_grid import as_png, draw_particles, panels
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.model import Outcome, Row
 from sim.parameters import parameter
 
 PICTURES = ("collision_pictures",)

@@ -8,9 +8,9 @@ import time
 
 import numpy as np
 
-from pipeline import hard_cases as hard
-from pipeline.study_model import Outcome, Row, bounded
-from pipeline.study_tank import TankParameters, build, cavity
+from pipeline.study_kit import hard_cases as hard
+from pipeline.study_kit.model import Outcome, Row, bounded
+from pipeline.study_kit.tank import TankParameters, build, cavity
 from sim.effects import REGISTRY
 from sim.parameters import parameter
 from sim.schemes import REGISTRY as SCHEMES

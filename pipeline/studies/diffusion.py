@@ -11,8 +11,8 @@ import time
 import numpy as np
 from scipy.special import erfc
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_tank import Stopwatch, TankParameters, build, cavity, field, time_rows
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_kit.tank import Stopwatch, TankParameters, build, cavity, field, time_rows
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -23,7 +23,7 @@ DENSITIES = (1000.0, 500.0)  # kg/m^3
 BLOB = 0.06  # width of the blob at the start, in sides of the box
 END = 0.08  # sqrt(2 D t) at the end, in sides of the box
 TIMES = 10  # at which the moment is taken
-HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("diffusion_profile", "T18: step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
     Figure("diffusion_error", "T18: error of the diffusion coefficient", "particle spacing / side", "relative error",

@@ -2,16 +2,17 @@
 
 Without gravity a drop at a wall is a part of a circle (3D: ball) that meets the wall at the contact angle. Half a
 circle is laid on the floor of a full box and comes to rest. The circle that parts the particles of the two liquids best
-(`pipeline.parting`), its radius and the height of its center free, gives the angle; height and base of the drop, which
-follow from its volume, are compared beside it. What is compared is the mean of the last fifth of the run.
+(`pipeline.study_kit.interface_fit`), its radius and the height of its center free, gives the angle; height and base of
+the drop, which follow from its volume, are compared beside it. What is compared is the mean of the last fifth of the
+run.
 """
 import dataclasses
 
 import numpy as np
 
-from pipeline.parting import part
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.interface_fit import part
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 

@@ -1,6 +1,6 @@
 """What every effect of a scene costs and what it changes: the scene beside the same scene with that effect off.
 
-The cost is that of the table of effects (`pipeline.effects`): computing time of all cores without compilation. An
+The cost is that of the table of effects (`pipeline.effect_costs`): computing time of all cores without compilation. An
 effect costs more than its own row, or less: it makes other parts work, shortens the time step, or spares the pressure
 solve iterations. So the time that switching it off saves is measured too. What it changes is measured at the end: the
 share of the oil that is elsewhere (where the nearest particle of the other scene holds less oil), the oil's center,
@@ -15,15 +15,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.advise import report_of
-from pipeline.effect_advice import SEEN_EFFECT
-from pipeline.frames import FrameData, find_frames, read_frame
-from pipeline.metrics_table import read_table
-from pipeline.picture_grid import as_png, panels
-from pipeline.scene import Scene, load_resolved
+from pipeline.advice.report import report_of
+from pipeline.advice.rules import SEEN_EFFECT
+from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.tables import read_table
+from pipeline.pictures.picture_grid import as_png, panels
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
 from pipeline.studies.oil_shape import measured
-from pipeline.study_model import Curve, Figure, Outcome, Row
-from pipeline.surface_files import read_surface, surface_path
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row
+from pipeline.surfaces.surface_files import read_surface, surface_path
 from sim.parameters import parameter
 
 FIGURES = (

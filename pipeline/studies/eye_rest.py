@@ -8,9 +8,9 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.scene_model import Scene
-from pipeline.study_model import Curve, Figure, Outcome
-from pipeline.study_tank import TankParameters, advance, field, scene_solver
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.model import Curve, Figure, Outcome
+from pipeline.study_kit.tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")

@@ -1,17 +1,17 @@
 """Hard cases in the eye itself, at the size of a real run: spacing and tolerances are those of the study's level.
 
-A scene of the eye is run for a while with one thing changed, and held to the limits of ``pipeline.hard_cases``: turned
-face down and hit, ten times the interface tension, nearly no oil and nearly nothing else, and the widest range of
-viscosities.
+A scene of the eye is run for a while with one thing changed, and held to the limits of
+``pipeline.study_kit.hard_cases``: turned face down and hit, ten times the interface tension, nearly no oil and nearly
+nothing else, and the widest range of viscosities.
 """
 import dataclasses
 import time
 
-from pipeline.errors import UserError
-from pipeline.hard_cases import FAILED, HardCase, Tank, judge
-from pipeline.scene_model import Scene
-from pipeline.study_model import Outcome, Row
-from pipeline.study_tank import TankParameters, scene_solver
+from pipeline.base.errors import UserError
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.hard_cases import FAILED, HardCase, Tank, judge
+from pipeline.study_kit.model import Outcome, Row
+from pipeline.study_kit.tank import TankParameters, scene_solver
 from sim.parameters import parameter
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")

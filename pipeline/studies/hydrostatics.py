@@ -9,8 +9,8 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field, motion
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -19,7 +19,7 @@ SHOWN_BY = ("gravity",)  # effects of a scene in which its error is to be expect
 GRAVITY = 9.81
 HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3
-HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("hydrostatics_error", "T1: pressure of two layers at rest", "particle spacing / height",
            "root mean square of the pressure error / (rho g H)", logarithmic=True),

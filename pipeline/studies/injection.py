@@ -11,10 +11,10 @@ import dataclasses
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.eye import cavity_mesh
-from pipeline.scene_model import Scene
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
-from pipeline.study_tank import Run, TankParameters, advance, field, scene_solver
+from pipeline.cavity.surface import cavity_mesh
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
+from pipeline.study_kit.tank import Run, TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
 EFFECTS = ("injection", "gravity", "viscosity_implicit", "interface_tension")

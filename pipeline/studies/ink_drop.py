@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.frames import find_frames, read_frame
-from pipeline.mixing_metrics import entropy
-from pipeline.picture_grid import as_png, draw_particles, evenly, panels, show_box
-from pipeline.scene import Scene, load_resolved
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
+from pipeline.base.frame_files import find_frames, read_frame
+from pipeline.measures.mixing_metrics import entropy
+from pipeline.pictures.picture_grid import as_png, draw_particles, evenly, panels, show_box
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
 
 FIGURES = (

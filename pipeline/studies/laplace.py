@@ -14,8 +14,8 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -28,7 +28,7 @@ INSIDE, OUTSIDE = 0.6, 1.4  # where the pressure is read, over the radius of the
 JUMP_TOLERANCE = {2: 0.01, 3: 0.02}
 CURRENT_TOLERANCE = 5e-4
 ROUND = 0.02  # allowed scatter of the radii of a drop that was square
-HEADLINE, PER_WIDTH = "pressure jump", 0.25  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "pressure jump", 0.25  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("laplace_jump", "T3: pressure jump of a drop", "sigma (d - 1) / R, Pa", "pressure jump, Pa"),
     Figure("laplace_currents", "T4: currents around a drop at rest", "time / sqrt(rho R^3 / sigma)",

@@ -2,25 +2,25 @@
 
 From a flat interface the run goes to rest; the arc of the wall that the oil touches, the height of the interface on
 the axis and the covered share of the wall are compared with the equations of Young and Laplace
-(`pipeline.young_laplace`). What is at rest does not depend on viscosity, which only has to let the liquids come to rest
-soon. Early agreement is no equilibrium: runs pass the reference on their way, so the history is drawn, and what is
-compared is the mean of its last fifth.
+(`pipeline.study_kit.young_laplace`). What is at rest does not depend on viscosity, which only has to let the liquids
+come to rest soon. Early agreement is no equilibrium: runs pass the reference on their way, so the history is drawn, and
+what is compared is the mean of its last fifth.
 
 Arc and angle come from the curve of Young and Laplace, with curvature and height free, that parts the particles of the
 two liquids best. The curve that fits the interface points of the tension best, without what lies within half a spacing
 of the wall, is read beside it; at 18 degrees a tenth of a spacing turns the angle by two degrees. The covered share of
-the wall is that of the metrics (`pipeline.coverage`). Every operator is also applied to particles that are labelled by
-the exact shape, which shows what it reads wrong.
+the wall is that of the metrics (`pipeline.measures.coverage`). Every operator is also applied to particles that are
+labelled by the exact shape, which shows what it reads wrong.
 """
 import dataclasses
 
 import numpy as np
 
-from pipeline.coverage import WallContact
-from pipeline.parting import part
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
-from pipeline.young_laplace import Profile, covered_arc, distance_to, interface, oil_at_rest
+from pipeline.measures.coverage import WallContact
+from pipeline.study_kit.interface_fit import part
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.young_laplace import Profile, covered_arc, distance_to, interface, oil_at_rest
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -36,7 +36,7 @@ FIT_POINTS, FIT_STEPS = 250, 60
 FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
 FIT_ITERATIONS, FIT_DIFFERENCE = 40, 1e-4
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
-HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
     Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),
@@ -239,7 +239,7 @@ class Curves:
 
 
 def parted(curves: Curves, r, z, is_oil, start) -> tuple[np.ndarray, float]:
-    """Find the profile that parts oil from water best, from a start; see `pipeline.parting`."""
+    """Find the profile that parts oil from water best, from a start; see `pipeline.study_kit.interface_fit`."""
     return part(lambda unknown, chosen: curves.distances(r[chosen], z[chosen], unknown[:1], unknown[1:])[0],
                 np.where(is_oil, 1.0, -1.0), start, np.array([0.3, 0.03]))
 

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.frames import find_frames, read_frame
-from pipeline.picture_grid import as_png, evenly, panels
-from pipeline.scene import Scene, load_resolved
-from pipeline.study_model import Curve, Figure, Outcome, Row
-from pipeline.surface_files import read_surface, surface_path
+from pipeline.base.frame_files import find_frames, read_frame
+from pipeline.pictures.picture_grid import as_png, evenly, panels
+from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row
+from pipeline.surfaces.surface_files import read_surface, surface_path
 from sim.parameters import parameter
 
 FIGURES = (

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from pipeline.frames import FrameData
-from pipeline.picture_grid import as_png, draw_particles, panels, show_box
+from pipeline.base.frame_files import FrameData
+from pipeline.pictures.picture_grid import as_png, draw_particles, panels, show_box
 from pipeline.studies.collision import Run, draw_in_space, load_run
-from pipeline.study_model import Outcome, Row, compared
+from pipeline.study_kit.model import Outcome, Row, compared
 from sim.parameters import parameter
 
 PICTURES = ("position_based_pictures",)

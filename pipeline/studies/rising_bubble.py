@@ -14,8 +14,8 @@ import dataclasses
 import numpy as np
 from skimage.measure import find_contours
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, compared, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -28,7 +28,7 @@ LIQUIDS = (Liquid("liquid", 1000.0, 10.0), Liquid("bubble", 100.0, 1.0))
 END = 3.0  # s
 PRESSURE_TOLERANCE = 1e-5  # with 1e-4, in the small steps of a fine bubble, it bounces as if it were compressible
 HEIGHT_AT_END, SPEED, CIRCULARITY = 1.0810, 0.2419, 0.9012  # TP2D, FreeLIFE, MooNMD
-HEADLINE, PER_WIDTH = "largest speed", 1.0  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "largest speed", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("bubble_height", "T9: height of a rising bubble", "time / s", "center of mass / m"),
     Figure("bubble_speed", "T9: speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),

@@ -10,8 +10,8 @@ import time
 import numpy as np
 
 from pipeline.studies.diffusion import set_fractions
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_tank import TankParameters, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_kit.tank import TankParameters, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 

@@ -8,8 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, compared
-from pipeline.study_tank import TankParameters, advance, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared
+from pipeline.study_kit.tank import TankParameters, advance, build, cavity, field
 from sim.effects.xsph import kinematic_viscosity
 from sim.parameters import parameter
 from sim.settings import Liquid, Numerics

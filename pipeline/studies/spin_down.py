@@ -8,8 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, compared, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 

@@ -1,4 +1,4 @@
-"""Hard cases: every scheme goes through every one of them, or says why not (``pipeline.hard_cases``).
+"""Hard cases: every scheme goes through every one of them, or says why not (``pipeline.study_kit.hard_cases``).
 
 Each case has a verdict: held; degraded (held, with far smaller steps or solves that end at their limit); refused, with
 the sentence that the user reads; or failed. What a scheme cannot do stands in the table like everything else.
@@ -10,12 +10,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline import hard_cases as hard
-from pipeline.errors import UserError
-from pipeline.hard_cases import HardCase, Tank, Verdict
-from pipeline.picture_grid import as_png, panels
-from pipeline.scene import PROJECT_CONFIG, load_scene
-from pipeline.study_model import Outcome, Row
+from pipeline.base.errors import UserError
+from pipeline.pictures.picture_grid import as_png, panels
+from pipeline.scenes.load import PROJECT_CONFIG, load_scene
+from pipeline.study_kit import hard_cases as hard
+from pipeline.study_kit.hard_cases import HardCase, Tank, Verdict
+from pipeline.study_kit.model import Outcome, Row
 from sim.effects.gravity import Jolt
 from sim.parameters import parameter
 from sim.schemes import REGISTRY as SCHEMES

@@ -8,11 +8,10 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.scene_model import Scene
-from pipeline.studies.eye_rest import EFFECTS as EFFECTS
+from pipeline.scenes.model import Scene
 from pipeline.studies.eye_rest import SCENE, height_of_aqueous
-from pipeline.study_model import Curve, Figure, Outcome, Row
-from pipeline.study_tank import TankParameters, advance, scene_solver
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row
+from pipeline.study_kit.tank import TankParameters, advance, scene_solver
 from sim.effects.interface_tension import capillary_limit
 from sim.parameters import parameter
 

@@ -9,8 +9,8 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field, motion
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -19,7 +19,7 @@ SHOWN_BY = ("viscosity",)  # effects of a scene in which its error is to be expe
 PERIOD = 1.0  # m, L = 2 pi / k
 SPEED = 1.0  # m/s, U
 DENSITY = 1000.0  # kg/m^3
-HEADLINE, PER_WIDTH = "decay rate of the energy", 1.0  # of `pipeline.tradeoff`
+HEADLINE, PER_WIDTH = "decay rate of the energy", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("taylor_green_decay", "T13: energy of a Taylor-Green vortex, finest resolution", "4 nu k² t",
            "ln(kinetic energy / start)"),

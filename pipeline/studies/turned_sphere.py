@@ -11,10 +11,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import jn_zeros, jv, spherical_jn
 
-from pipeline.signed_distance import SignedDistance
-from pipeline.study_model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_tank import Run, TankParameters, advance, build, cavity, field
-from pipeline.wall_shear import wall_shear_stress
+from pipeline.cavity.signed_distance_grid import SignedDistance
+from pipeline.measures.wall_shear import wall_shear_stress
+from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
+from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.effects.eye_rotation import EyeRotationParameters, Oscillation, Saccade
 from sim.parameters import parameter
 from sim.settings import Liquid

@@ -12,7 +12,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.likeness import Likeness
+from sim.effects.parts.same_liquid import Likeness
 from sim.parameters import parameter
 
 

@@ -26,7 +26,7 @@ import math
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.likeness import Likeness
+from sim.effects.parts.same_liquid import Likeness
 from sim.parameters import parameter
 from sim.runtime import real
 

@@ -21,8 +21,8 @@ import dataclasses
 import taichi as ti
 
 from sim.boundary import WALL_CLEARANCE
-from sim.convex_hull import ConvexHull
 from sim.effects.effect import Effect
+from sim.effects.parts.convex_hull import ConvexHull
 from sim.fields import Field
 from sim.parameters import parameter
 

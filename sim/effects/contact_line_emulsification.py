@@ -18,7 +18,7 @@ The droplets are far smaller than the particles: they are a liquid of their own,
 fraction. Within two particle spacings of the wall an oil particle i and an aqueous neighbor j exchange volume: droplets
 arrive in j, and the aqueous whose place they take goes to i. So the volume of oil and droplets together, that of the
 aqueous, each particle's volume, mass and momentum are conserved, and the fractions stay in [0, 1]
-(``sim.effects.mixture``). The length of the contact line is the sum over the pairs
+(``sim.effects.parts.mixture``). The length of the contact line is the sum over the pairs
 
     l_ij = C b_i b_j V_i V_j |W'| (alpha_oil,i alpha_aqueous,j + alpha_oil,j alpha_aqueous,i)
 
@@ -39,7 +39,7 @@ import math
 import numpy as np
 import taichi as ti
 
-from sim.effects.mixture import Mixing
+from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, total_of

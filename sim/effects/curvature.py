@@ -9,7 +9,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.likeness import Likeness
+from sim.effects.parts.same_liquid import Likeness
 from sim.fields import Field
 from sim.parameters import parameter
 

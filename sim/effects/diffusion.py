@@ -8,7 +8,7 @@ import dataclasses
 
 import taichi as ti
 
-from sim.effects.mixture import Mixing
+from sim.effects.parts.mixture import Mixing
 from sim.parameters import parameter
 
 

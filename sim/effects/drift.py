@@ -23,7 +23,7 @@ import math
 import numpy as np
 import taichi as ti
 
-from sim.effects.mixture import Mixing
+from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real

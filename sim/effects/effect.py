@@ -45,7 +45,7 @@ class Effect:
         """True where this effect has a hook of its own."""
         return getattr(cls, hook) is not getattr(Effect, hook)
 
-    # Rules that need the settings alone (``sim.lazy``).
+    # Rules that need the settings alone (``sim.effect_selection``).
 
     @classmethod
     def idle(cls, parameters, settings) -> str:

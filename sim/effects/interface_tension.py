@@ -23,9 +23,9 @@ import numpy as np
 import taichi as ti
 
 from sim.effects.effect import Effect
+from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
-from sim.level_set import LevelSet
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real

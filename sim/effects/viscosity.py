@@ -12,8 +12,8 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
-from sim.effects.viscous_weights import harmonic_mean
+from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
+from sim.effects.parts.viscous_weights import harmonic_mean
 from sim.fields import Field
 from sim.parameters import parameter
 

@@ -1,4 +1,6 @@
-"""Implicit viscosity: backward Euler, (M + dt K) v = M v* with one of three matrices K (``sim.effects.viscous_forms``).
+"""Implicit viscosity: backward Euler, (M + dt K) v = M v* with one of three matrices K.
+
+The matrices are those of ``sim.effects.parts.viscous_forms``.
 
 Measured: error of the velocity of two layers in a channel, viscosities 1400:1, 20 and 40 spacings across each, in 2D,
 support 3 dx, in brackets 2.5 dx (study `validation`, T12); and time of the solve in the eye at 0.4 mm, over that of
@@ -18,9 +20,9 @@ from typing import ClassVar
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.effects.parts.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.effects.parts.viscous_forms import FORMS
 from sim.effects.viscosity import Viscosity, ViscosityParameters
-from sim.effects.viscous_forms import FORMS
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, total_of

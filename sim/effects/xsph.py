@@ -18,7 +18,7 @@ import dataclasses
 import taichi as ti
 
 from sim.effects.effect import Effect
-from sim.effects.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
+from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.smoothing_kernels import KERNELS

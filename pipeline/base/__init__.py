@@ -1,0 +1,1 @@
+"""What every stage needs and knows nothing of scenes: errors, files, frames, progress, tables, pages."""

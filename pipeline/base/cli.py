@@ -1,0 +1,66 @@
+"""How every stage ends: with its result, or with one sentence per error and an exit code."""
+import errno
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from pipeline.base.errors import UserError
+from pipeline.base.usage import write_if_asked
+
+WRONG_INPUT = 2
+FAILED = 1
+INTERRUPTED = 130
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EACCES: "permission denied",
+    errno.EROFS: "the disk is not writable",
+    errno.ENOENT: "no such file or folder",
+    errno.EFBIG: "the file is too large for this disk",
+    errno.EIO: "the disk has an error",
+    errno.EISDIR: "this is a folder, not a file",
+    errno.ENOTDIR: "a part of this path is a file, not a folder",
+}
+
+
+def run(main: Callable[[], int | None]) -> NoReturn:
+    """Call ``main`` and exit with its code; errors that a user can meet become sentences on stderr.
+
+    Exit codes: 0 success, 1 the computer failed (disk, memory), 2 wrong input, 130 interrupted. Anything else that
+    is raised is a defect of the program and keeps its traceback.
+    """
+    try:
+        code = main() or 0
+        sys.stdout.flush()
+        if code == 0:
+            write_if_asked()
+    except UserError as error:
+        code = _report(WRONG_INPUT, *error.messages)
+    except BrokenPipeError:
+        sys.stdout = None  # the reader (`head`, a closed pager) has seen enough; nothing is left to flush at exit
+        code = FAILED
+    except OSError as error:
+        code = _report(FAILED, describe(error))
+    except MemoryError as error:
+        code = _report(FAILED, f"out of memory ({error}), use a coarser accuracy level" if str(error) else
+                       "out of memory, use a coarser accuracy level")
+    except KeyboardInterrupt:
+        code = _report(INTERRUPTED, "interrupted")
+    sys.exit(code)
+
+
+def _report(code: int, *messages: str) -> int:
+    for message in messages:
+        print(f"error: {message}", file=sys.stderr)
+    return code
+
+
+def describe(error: OSError) -> str:
+    """Return an error of the operating system as a sentence: which file, and what is wrong with it."""
+    return reason(error) if error.filename is None else f"{error.filename}: {reason(error)}"
+
+
+def reason(error: OSError) -> str:
+    """Return what is wrong, without the name of the file."""
+    return _REASONS.get(error.errno) or error.strerror or str(error) or type(error).__name__

@@ -1,0 +1,271 @@
+"""The one place that reads and writes frames, their time index and checkpoints.
+
+A frame is a VTK unstructured grid of vertices (``.vtu``), because ParaView, pyvista and meshio all open it; meshio
+reads no ``.vtp`` and no LZ4, so the arrays are stored raw. Every array carries its unit (VTK's ``UNITS_LABEL``) and the
+parts of ``volume_fraction`` and ``fill`` carry the liquid's name. meshio has no string arrays: text is stored as UTF-8
+bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()``.
+"""
+import contextlib
+import dataclasses
+import os
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing
+
+FRAME_SUFFIXES = (".vtu", ".vtp")
+POINT_UNITS = {
+    "id": "1", "phase": "1", "velocity": "m/s", "pressure": "Pa", "volume": "m**3", "volume_fraction": "1",
+    "compression_rate": "1",
+}
+FIELD_UNITS = {
+    "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
+    "wall_contacts": "1", "wall_seconds": "s", "cpu_seconds": "s",
+    "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s", "residual_maximum": "1",
+    "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
+    "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
+}
+TEXTS = ("scene", "liquids", "units")
+
+
+@dataclasses.dataclass
+class FrameData:
+    """The state of the liquids at one time, sorted by ``id``; SI units.
+
+    Attributes
+    ----------
+    position : (n, dimension) float, m.
+    id, phase : (n,) int; ``phase`` is the liquid with the largest fraction.
+    velocity : (n, 3) float, m/s (third component 0 in 2D).
+    pressure : (n,) float, Pa, with what gravity and interface tension keep out of the solve: their potentials.
+    volume : (n,) float, m**3.
+    volume_fraction : (n, liquids) float; 0 or 1 where the liquids do not mix.
+    compression_rate : (n,) float, 1 at rest.
+    time, step, gravity (3,), particle_spacing : s, 1, m/s**2, m.
+    scene, liquids : names.
+    statistics : solver statistics since the last frame, name -> number (units: ``FIELD_UNITS``).
+    extra : further arrays per particle, name -> (n,) or (n, k) array.
+    """
+
+    position: np.ndarray
+    id: np.ndarray
+    phase: np.ndarray
+    velocity: np.ndarray
+    pressure: np.ndarray
+    volume: np.ndarray
+    volume_fraction: np.ndarray
+    compression_rate: np.ndarray
+    time: float
+    step: int
+    gravity: np.ndarray
+    particle_spacing: float
+    scene: str
+    liquids: tuple[str, ...]
+    statistics: dict[str, float] = dataclasses.field(default_factory=dict)
+    extra: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    @property
+    def dimension(self) -> int:
+        return self.position.shape[1]
+
+    @property
+    def fill(self) -> np.ndarray:
+        """Volume of every liquid, (liquids,), m**3 (m**2 in 2D)."""
+        return np.asarray(self.volume, dtype=np.float64) @ np.asarray(self.volume_fraction, dtype=np.float64)
+
+
+def frame_path(folder: str | os.PathLike, index: int, suffix: str = ".vtu") -> Path:
+    """Path of frame ``index`` in ``folder``."""
+    return Path(folder) / f"frame_{index:05d}{suffix}"
+
+
+def find_frames(folder: str | os.PathLike) -> list[Path]:
+    """All frame files in ``folder``, in the order of time.
+
+    Raises
+    ------
+    UserError : there is no such folder, or it holds no frame.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise UserError(f"{folder}: no such folder of frames; run the simulate stage first")
+    paths = sorted(path for path in folder.glob("frame_*") if path.suffix in FRAME_SUFFIXES)
+    if not paths:
+        raise UserError(f"{folder}: no frames (frame_00000.vtu ...) in this folder; run the simulate stage first")
+    return paths
+
+
+def write_frame(path: str | os.PathLike, frame: FrameData) -> None:
+    """Write one frame; the suffix of ``path`` chooses VTK unstructured grid (``.vtu``) or poly data (``.vtp``).
+
+    Arrays keep the precision they have. The file appears by rename.
+    """
+    from pipeline.base.vtk_files import write_vtk
+
+    path = Path(path)
+    if path.suffix not in FRAME_SUFFIXES:
+        raise ValueError(f"{path}: a frame is written as {' or '.join(FRAME_SUFFIXES)}")
+    with replacing(path) as partial:
+        write_vtk(_to_vtk(frame, unstructured=path.suffix == ".vtu"), partial, compress=False)
+
+
+@contextlib.contextmanager
+def _silent_vtk():
+    """Keep VTK from printing its own errors: the caller turns them into one sentence."""
+    from vtkmodules.vtkCommonCore import vtkObject
+
+    shown = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        yield
+    finally:
+        vtkObject.SetGlobalWarningDisplay(shown)
+
+
+def _to_vtk(frame: FrameData, *, unstructured: bool):
+    """The frame as a vtkUnstructuredGrid or vtkPolyData of vertices."""
+    import pyvista
+
+    count = len(frame.position)
+    position = np.zeros((count, 3), dtype=np.asarray(frame.position).dtype)
+    position[:, :frame.dimension] = frame.position
+    mesh = pyvista.PolyData(position)
+    if count:
+        mesh.verts = np.column_stack([np.ones(count, np.int64), np.arange(count)]).ravel()
+    if unstructured:
+        mesh = mesh.cast_to_unstructured_grid()
+    points = {
+        "id": np.asarray(frame.id, np.int32), "phase": np.asarray(frame.phase, np.int32),
+        "velocity": frame.velocity, "pressure": frame.pressure, "volume": frame.volume,
+        "volume_fraction": frame.volume_fraction, "compression_rate": frame.compression_rate, **frame.extra,
+    }
+    fields = {
+        "time": frame.time, "step": frame.step, "gravity": frame.gravity, "particle_spacing": frame.particle_spacing,
+        "dimension": frame.dimension, "fill": frame.fill, **frame.statistics,
+    }
+    texts = {
+        "scene": frame.scene, "liquids": "\n".join(frame.liquids),
+        "units": "\n".join(f"{name}: {unit}" for name, unit in (POINT_UNITS | FIELD_UNITS).items()
+                           if name in points or name in fields),
+    }
+    for name, values in points.items():
+        mesh.GetPointData().AddArray(_vtk_array(name, np.asarray(values), POINT_UNITS, frame.liquids))
+    for name, values in fields.items():
+        values = np.atleast_1d(values)
+        row = values.reshape(1, -1) if name in ("gravity", "fill") else values
+        mesh.GetFieldData().AddArray(_vtk_array(name, row, FIELD_UNITS, frame.liquids))
+    for name, text in texts.items():
+        mesh.GetFieldData().AddArray(_vtk_array(name, np.frombuffer(text.encode(), np.uint8), {}, ()))
+    return mesh
+
+
+def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids: Iterable[str]):
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkDataArray
+
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+    array.SetName(name)
+    if name in ("volume_fraction", "fill"):
+        for component, liquid in enumerate(liquids):
+            array.SetComponentName(component, liquid)
+    if units.get(name, "1") != "1":
+        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), units[name])
+    return array
+
+
+def read_frame(path: str | os.PathLike) -> FrameData:
+    """Read a frame written by :func:`write_frame`.
+
+    Raises
+    ------
+    UserError : the file is missing, damaged, or no frame of this pipeline.
+    """
+    import vtk
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such frame; run the simulate stage first")
+    if path.suffix not in FRAME_SUFFIXES:
+        raise UserError(f"{path}: a frame is a {' or '.join(FRAME_SUFFIXES)} file")
+    reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    with _silent_vtk():
+        reader.Update()
+    mesh = reader.GetOutput()
+    points = _named_arrays(mesh.GetPointData())
+    fields = _named_arrays(mesh.GetFieldData())
+    missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
+    if reader.GetErrorCode() or missing:
+        raise UserError(f"{path}: is damaged or no frame of this pipeline"
+                        + (f" (without {', '.join(sorted(missing))})" if missing else "") + "; run its segment again")
+    dimension = int(fields.pop("dimension")[0])
+    fields.pop("fill")
+    texts = {name: fields.pop(name).tobytes().decode() for name in TEXTS}
+    liquids = tuple(texts["liquids"].split("\n"))
+    # VTK forgets the second axis of a single liquid.
+    points["volume_fraction"] = points["volume_fraction"].reshape(-1, len(liquids))
+    coordinates = mesh.GetPoints()
+    position = vtk_to_numpy(coordinates.GetData())[:, :dimension].copy() if coordinates else np.zeros((0, dimension))
+    return FrameData(
+        position=position, **{name: points.pop(name) for name in POINT_UNITS},
+        time=float(fields.pop("time")[0]), step=int(fields.pop("step")[0]), gravity=fields.pop("gravity").ravel(),
+        particle_spacing=float(fields.pop("particle_spacing")[0]), scene=texts["scene"],
+        liquids=liquids,
+        statistics={name: values[0].item() for name, values in fields.items()}, extra=points,
+    )
+
+
+def _named_arrays(attributes) -> dict[str, np.ndarray]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    arrays = (attributes.GetArray(index) for index in range(attributes.GetNumberOfArrays()))
+    return {array.GetName(): vtk_to_numpy(array).copy() for array in arrays if array is not None}
+
+
+def write_pvd(path: str | os.PathLike, entries: Iterable[tuple[float, str]]) -> None:
+    """Write the time index of a series: ``entries`` holds (time in s, path relative to the ``.pvd`` file)."""
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+             "  <Collection>"]
+    lines += [f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(str(file))}/>' for time, file in entries]
+    lines += ["  </Collection>", "</VTKFile>", ""]
+    with replacing(path) as partial:
+        partial.write_text("\n".join(lines))
+
+
+def save_checkpoint(path: str | os.PathLike, state: Mapping[str, object]) -> None:
+    """Save named arrays, numbers and strings bit by bit (``.npz``, uncompressed); the file appears by rename.
+
+    Raises
+    ------
+    TypeError : a value is no array, number or string.
+    """
+    arrays = {}
+    for name, value in state.items():
+        arrays[name] = np.asarray(value)
+        if arrays[name].dtype == object:
+            raise TypeError(f"checkpoint entry {name!r} is a {type(value).__name__}; only arrays, numbers and strings")
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def load_checkpoint(path: str | os.PathLike) -> dict[str, object]:
+    """Read a checkpoint; what was saved as a number or string comes back as a NumPy scalar of the same bits.
+
+    Raises
+    ------
+    UserError : the file is missing, truncated or damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such checkpoint; run the segment before this one first")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name][()] for name in archive.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
+        raise UserError(f"{path}: the checkpoint is damaged ({error}); delete it and run its segment again") from error

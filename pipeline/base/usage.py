@@ -1,0 +1,86 @@
+"""What a process takes: seconds on the clock and of all cores, its children's included, and memory.
+
+A stage that ends well writes it where the environment variable STAGE_USAGE says. The kernel counts, so that nothing is
+missed however short or long a stage is.
+"""
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
+from sim.cores import available_cores
+
+ASKED = "STAGE_USAGE"
+LIBRARIES = ("OMP_NUM_THREADS", "VTK_SMP_MAX_THREADS", "LP_NUM_THREADS")  # what tells them their threads
+KINDS = ("wall", "cpu")  # seconds on the clock, seconds of all cores
+
+
+def usage() -> dict[str, float]:
+    """Return what this process has taken since its start: wall, cpu (s) and memory (bytes, the largest)."""
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    ticks = float(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+    cpu = sum(one.ru_utime + one.ru_stime for one in (own, children))
+    wall = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    return {"wall": at_least(wall, cpu), "cpu": cpu, "memory": 1024.0 * max(own.ru_maxrss, children.ru_maxrss)}
+
+
+def at_least(wall: float, cpu: float) -> float:
+    """Return a time on the clock, s, that is not below what all cores together need: clocks count in ticks."""
+    return max(wall, cpu / available_cores())
+
+
+def write_if_asked() -> None:
+    """Write what this process has taken, where its environment asks for it."""
+    if ASKED in os.environ:
+        write_text(os.environ[ASKED], json.dumps(usage()) + "\n")
+
+
+def read_usage(path: Path) -> dict[str, float]:
+    """Read what a stage has written.
+
+    Raises
+    ------
+    UserError : the file holds nothing of the kind.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return {key: float(found[key]) for key in (*KINDS, "memory")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: does not hold what a stage took ({error}); run the stage again") from error
+
+
+def run_stage(stage: str, *arguments: object, threads: int | None = None, quiet: bool = True) -> dict[str, float]:
+    """Run a stage in a process of its own, and return what it took.
+
+    Parameters
+    ----------
+    threads : of libraries, as Snakemake tells them; None leaves that as it is.
+    quiet : do not pass its progress on to standard error.
+
+    Raises
+    ------
+    UserError : the stage has failed; with its own sentences.
+    """
+    with tempfile.TemporaryDirectory(prefix="usage_") as folder:
+        path = Path(folder) / f"{stage}.json"
+        command = [sys.executable, "-m", f"pipeline.{stage}", *map(str, arguments)]
+        told = {} if threads is None else dict.fromkeys(LIBRARIES, str(threads))
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                                   env=os.environ | told | {ASKED: str(path)})
+        errors, last = [], ""
+        for line in process.stderr:
+            if line.startswith("error: "):
+                errors.append(line.removeprefix("error: ").strip())
+            elif not quiet:
+                sys.stderr.write(line)
+                sys.stderr.flush()
+            last = line.strip() or last
+        if process.wait():
+            raise UserError(*(errors or [f"the stage {stage} has failed ({last})"]))
+        return read_usage(path)

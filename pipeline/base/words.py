@@ -1,0 +1,15 @@
+"""Numbers as people read them."""
+
+
+
+def duration(value: float) -> str:
+    """Return a time, s, as people read it."""
+    for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 100.0), ("h", 3600.0, 72.0)):
+        if value < limit * size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 86400.0:.3g} days"
+
+
+def memory(value: float) -> str:
+    """Return a number of bytes as people read it."""
+    return f"{value / 2**20:.0f} MiB" if value < 2**30 else f"{value / 2**30:.3g} GiB"

@@ -1,0 +1,43 @@
+"""The file ``initial.npz``: liquid and wall particles at the start, and the signed distance to the wall."""
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.base.errors import UserError
+from pipeline.cavity.signed_distance_grid import SignedDistance
+
+
+def initial_arrays(fluid_position: np.ndarray, walls: dict[str, np.ndarray], distance: SignedDistance,
+                   cavity_volume: float, particle_spacing: float,
+                   fluid_volume: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Arrays of ``initial.npz``; without volumes (n,) of their own the particles share that of the cavity exactly."""
+    count, dimension = fluid_position.shape
+    if fluid_volume is None:
+        fluid_volume = np.full(count, cavity_volume / count)
+    return {
+        "fluid_position": fluid_position, "fluid_volume": fluid_volume, **walls,
+        "sdf_values": distance.values, "sdf_origin": distance.origin, "sdf_cell": np.float64(distance.cell),
+        "cavity_volume": np.float64(cavity_volume), "particle_spacing": np.float64(particle_spacing),
+        "dimension": np.int64(dimension),
+    }
+
+
+NAMES = ("fluid_position", "fluid_volume", "wall_position", "wall_volume", "wall_distance", "sdf_values", "sdf_origin",
+         "sdf_cell", "cavity_volume", "particle_spacing", "dimension")
+
+
+def load_initial(path: str | Path) -> dict[str, np.ndarray]:
+    """Read ``initial.npz``.
+
+    Raises
+    ------
+    UserError : the file is missing, damaged, or of another kind.
+    """
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such file; run the voxelize stage first")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in NAMES}
+    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is damaged or not written by the voxelize stage ({error}); run it again") from error

@@ -1,0 +1,1 @@
+"""What a scene will cost, from a few of its own steps."""

@@ -1,0 +1,100 @@
+"""The phases of a scene in which its steps differ: while liquid is injected, in a turn, jolt or saccade, and between.
+
+Each phase of a full cavity is looked at in its middle, with the liquids laid level in their volumes of that moment, as
+the posture at its begin has them: within a turn they are not yet where they will come to rest.
+"""
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.scenes.fill import fill_at_start
+from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Initial, Scene
+from pipeline.simulation.solver_setup import initial_phases
+
+FILLED = 1e-3  # share of the cavity by which a fill may miss its target, and no more is injected
+
+
+@dataclasses.dataclass(frozen=True)
+class Phase:
+    """A part of a scene: from ``begin`` to ``end``, s, and what is in the cavity in its middle.
+
+    fill : liquid -> share of the cavity; None where the liquids are left as they are at the start.
+    """
+
+    name: str
+    begin: float
+    end: float
+    fill: dict[str, float] | None = None
+
+    @property
+    def middle(self) -> float:
+        """Time in the middle, s."""
+        return 0.5 * (self.begin + self.end)
+
+
+def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = False) -> list[Phase]:
+    """Return the phases of a scene; one with a free surface has its start only: what follows, a rehearsal shows.
+
+    Parameters
+    ----------
+    cavity_volume : m^3 (in two dimensions m^2).
+    folder : of the scene that this one may start from.
+    begun : whether the end of that scene is known, so that the liquids lie as they really do where none is injected.
+    """
+    duration = scene.output.duration
+    if not scene.closed:
+        return [Phase("start", 0.0, duration)]
+    injection, gravity, rotation = map(scene.effects.get, ("injection", "gravity", "eye_rotation"))
+    fill = fill_at_start(scene, lambda name: load_scene(folder / f"{name}.yaml", scene.accuracy))
+    spans = [("turn", one.start, one.start + one.duration) for one in (gravity.turns if gravity else ())]
+    spans += [("jolt", one.start, one.start + one.duration) for one in (gravity.jolts if gravity else ())]
+    if rotation and not rotation.oscillation:
+        spans += [("saccades", one.start, one.end) for one in rotation.saccades]
+    if injection and fill:
+        missing = max(0.0, injection.fill - fill.get(injection.liquid, 0.0)) * cavity_volume
+        spans.append(("injection", injection.start, injection.time_of(missing)))
+    times = sorted({0.0, duration, *(time for _, *ends in spans for time in ends if time < duration)})
+    found = []
+    for begin, end in itertools.pairwise(times):
+        names = [name for name, first, last in spans if first <= begin and end <= last]
+        phase = Phase(" and ".join(names) or "rest", begin, end, None if begun and not injection else fill)
+        if injection and fill:
+            moved = min(injection.flowed(phase.middle), missing) / cavity_volume
+            phase = dataclasses.replace(phase, fill=fill | {
+                injection.liquid: fill.get(injection.liquid, 0.0) + moved,
+                injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved})
+        found.append(phase)
+    return found
+
+
+def state_in(scene: Scene, solver, start: dict, phase: Phase) -> dict:
+    """Return the state of a solver in the middle of a phase.
+
+    Parameters
+    ----------
+    start : state of the solver at the start (``Solver.state``).
+    """
+    if phase.fill is None:
+        return start | {"time": phase.middle if phase.begin else 0.0}
+    state = start | {"time": phase.middle}
+    gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
+    down = gravity.direction(phase.begin) if gravity else np.array([0.0, -1.0, 0.0])
+    fill = {name: share for name, share in phase.fill.items() if share}
+    laid = dataclasses.replace(scene, initial=Initial(fill=fill))
+    kinds = initial_phases(laid, start["particles.position"].astype(float), down[: scene.dimension])
+    volume = start["particles.volume"]
+    density = np.array([liquid.density for liquid in scene.liquids], volume.dtype)
+    state |= {"particles.phase": kinds.astype(start["particles.phase"].dtype),
+              "particles.mass": volume * density[kinds]}
+    state.pop("particles.volume_fraction", None)  # effects that mix start from the liquids then
+    injection = scene.effects.get("injection")
+    if injection:
+        present = float(volume[kinds == [one.name for one in scene.liquids].index(injection.liquid)].sum(dtype=float))
+        flown = injection.flowed(phase.middle)
+        state |= {"injection.finished": phase.fill[injection.liquid] > injection.fill - FILLED}
+        if flown:
+            state |= {"injection.volume_before": present - flown}
+    return state

@@ -1,0 +1,1 @@
+"""Marks, panels and views, of which the render stage and the pages make their pictures."""

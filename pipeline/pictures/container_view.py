@@ -1,0 +1,69 @@
+"""The liquids of a container as bodies in a glass box (pyvista, off-screen)."""
+import numpy as np
+
+from pipeline.pictures.eye_view import peel
+
+GLASS_COLOR, EDGE_COLOR = "#dfe5ec", "#5f6673"
+OPACITY = 0.82
+# Camera: in front, to the right and above; in units of the size of the container.
+VIEW = np.array([0.55, 0.42, 1.0])
+
+
+class ContainerView:
+    """One plotter for all frames; only the surfaces change.
+
+    Parameters
+    ----------
+    sides : (3,) sides of the container, m; its lower corner is the origin.
+    size : width and height in pixels of the large canvas.
+    """
+
+    def __init__(self, sides: np.ndarray, size: tuple[int, int]):
+        import pyvista
+
+        self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="light kit")
+        self.plotter.set_background("white")
+        box = pyvista.Box(bounds=[value for side in sides for value in (0.0, side)])
+        # The faces that the camera looks at from inside: floor, back and left.
+        faces = [box.extract_cells([index]) for index in range(box.n_cells)]
+        for face in faces:
+            outward = np.array(face.center) - np.array(box.center)
+            if outward @ VIEW < 0.0:
+                self.plotter.add_mesh(face, color=GLASS_COLOR, ambient=0.6, specular=0.0)
+        self.plotter.add_mesh(box.extract_feature_edges(30.0), color=EDGE_COLOR, line_width=max(2, size[1] // 300))
+        self._liquids = []
+        self.plotter.enable_parallel_projection()
+        center, length = np.array(box.center), box.length
+        self.plotter.camera_position = [center + 4.0 * length * VIEW, center, (0.0, 1.0, 0.0)]
+        self.plotter.camera.parallel_scale = self._scale(np.array(sides), size)
+        self.plotter.camera.clipping_range = (0.5 * length, 12.0 * length)
+        peel(self.plotter)
+
+    @staticmethod
+    def _scale(sides: np.ndarray, size: tuple[int, int]) -> float:
+        """Half the height of the view in m, such that the box fits with a margin."""
+        forward = -VIEW / np.linalg.norm(VIEW)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        half_width, half_height = 0.5 * np.abs(right) @ sides, 0.5 * np.abs(up) @ sides
+        return 1.08 * max(half_height, half_width * size[1] / size[0])
+
+    def draw(self, surfaces) -> np.ndarray:
+        """Pixels (height, width, 3) with closed surfaces: pairs of pyvista.PolyData and a color."""
+        for actor in self._liquids:
+            self.plotter.remove_actor(actor, render=False)
+        self._liquids = []
+        for surface, color in surfaces:
+            if surface.n_cells:
+                smooth = surface.compute_normals(cell_normals=False, split_vertices=True, feature_angle=50.0,
+                                                 auto_orient_normals=False, consistent_normals=False)
+                self._liquids.append(self.plotter.add_mesh(
+                    smooth, color=color, opacity=OPACITY, smooth_shading=True, specular=0.15, ambient=0.2,
+                    scalars=None, reset_camera=False, render=False))
+        self.plotter.render()
+        return self.plotter.screenshot(None, return_img=True)[..., :3]
+
+    def close(self) -> None:
+        """Free the window."""
+        self.plotter.close()

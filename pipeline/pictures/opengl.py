@@ -1,0 +1,77 @@
+"""Find a way to draw without a display. VTK may end the process where OpenGL is missing, so child processes try it."""
+import argparse
+import os
+import subprocess
+import sys
+
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+
+VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+WINDOWS = {"default": None, "EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
+SECONDS = 60
+PROBE = """
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
+plotter.set_background("black")
+plotter.add_mesh(pyvista.Sphere(), color=(255, 0, 0), lighting=False)
+pixel = plotter.screenshot(None, return_img=True)[16, 16]
+raise SystemExit(0 if tuple(pixel) == (255, 0, 0) else 3)
+"""
+ADVICE = ("no OpenGL to draw with: install it with `apt-get install --no-install-recommends libosmesa6` "
+          "(or `libegl1 libgl1-mesa-dri`)")
+
+
+def works(window: str | None) -> bool:
+    """Whether a child process draws the right pixel with the VTK window class ``window`` (None: VTK's own choice)."""
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    if window:
+        environment[VARIABLE] = window
+    try:
+        child = subprocess.run([sys.executable, "-c", PROBE], env=environment, capture_output=True, timeout=SECONDS,
+                               check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return child.returncode == 0
+
+
+def find_working_opengl() -> str:
+    """Name in ``WINDOWS`` of the first that works; a choice made by the user's environment comes first.
+
+    Raises
+    ------
+    UserError : none works; the sentence names the package to install.
+    """
+    # Without a display the default looks for one first and prints warnings: it comes last.
+    names = ["default", "EGL", "OSMesa"] if os.environ.get("DISPLAY") else ["EGL", "OSMesa", "default"]
+    chosen = [name for name, window in WINDOWS.items() if window and window == os.environ.get(VARIABLE)]
+    for name in dict.fromkeys(chosen + names):
+        if works(WINDOWS[name]):
+            return name
+    raise UserError(ADVICE)
+
+
+def use_working_opengl() -> str:
+    """Make VTK use a way of drawing that works, in this process, before its first window; return its name.
+
+    Raises
+    ------
+    UserError : none works.
+    """
+    name = find_working_opengl()
+    os.environ.pop(VARIABLE, None)
+    if WINDOWS[name]:
+        os.environ[VARIABLE] = WINDOWS[name]
+    return name
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line: ``python -m pipeline.pictures.opengl``."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.pictures.opengl", description="Check whether pictures can be drawn on this machine.")
+    parser.parse_args(arguments)
+    print(f"OpenGL works: {find_working_opengl()}")
+
+
+if __name__ == "__main__":
+    run(main)

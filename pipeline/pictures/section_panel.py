@@ -1,0 +1,201 @@
+"""Left panel: the section through the optic axis, drawn from the fields of the reconstruct stage without OpenGL.
+
+Seen from the patient's left: superior is up, anterior is left. Inside the cavity the colors are the volume fraction and
+nothing else; what lies around it (wall, lens, cornea, iris) is a scheme for orientation.
+"""
+import dataclasses
+
+import numpy as np
+from matplotlib import colormaps
+from PIL import Image, ImageDraw
+from skimage.measure import find_contours
+
+from pipeline.pictures.marks import FAINT_INK, INK, arrow, away_mark, write
+
+COLORS = (colormaps["cividis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+# Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen.
+DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+DROPLET_RANGE = (1e-8, 1e-3)
+DROPLET_TICKS = ("0.01", "0.1", "1", "10", "100", "1000")       # parts per million
+PAPER = (255, 255, 255)
+WALL = (214, 190, 184)
+LENS = (233, 238, 243)
+CHAMBER = (243, 248, 252)
+IRIS = (140, 104, 80)
+CORNEA = (198, 211, 222)
+WALL_THICKNESS = 0.7e-3         # drawn, m
+SCALE_BAR = 5e-3
+# Anterior segment, Gullstrand's eye (scheme only, in front of the cavity): m.
+CORNEA_RADIUS, CORNEA_THICKNESS = 7.8e-3, 0.55e-3
+LENS_FRONT_RADIUS, LENS_BACK_RADIUS, LENS_THICKNESS = 10e-3, 6e-3, 3.6e-3
+PUPIL_RADIUS, IRIS_THICKNESS = 2.0e-3, 0.4e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Eye:
+    """What the scheme around the cavity needs: axial length in m, None for a user's mesh, and the lens."""
+
+    axial_length: float | None
+    lens: str
+
+
+class SectionPanel:
+    """Draws sections of one scene, always at the same scale and place.
+
+    Parameters
+    ----------
+    signed_distance : (ny, nz) m, negative inside; ``origin`` (y, z) and ``cell`` in m.
+    size : width and height of the panel in pixels of the large canvas.
+    """
+
+    def __init__(self, signed_distance: np.ndarray, origin: np.ndarray, cell: float, eye: Eye, size: tuple[int, int]):
+        self.size, self.unit = size, size[1] / 100.0
+        self.origin, self.cell = np.asarray(origin, float), cell
+        y, z = self._extent(signed_distance, eye)
+        side, above = 18.0 * self.unit, 8.0 * self.unit
+        self.scale = min((size[0] - 2 * side) / np.ptp(z), (size[1] - 2 * above) / np.ptp(y))
+        self.center = np.array([y.mean(), z.mean()])
+        columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+        self._rows = ((self.center[0] - (rows - size[1] / 2) / self.scale) - self.origin[0]) / cell
+        self._columns = ((self.center[1] - (columns - size[0] / 2) / self.scale) - self.origin[1]) / cell
+        distance = self._sample(signed_distance)
+        self.inside = distance < 0.0
+        self.background = self._scheme(distance, signed_distance, eye)
+
+    def pixel(self, y, z):
+        """Place (x, y) on the panel of a point in m."""
+        return (self.size[0] / 2 - (np.asarray(z) - self.center[1]) * self.scale,
+                self.size[1] / 2 - (np.asarray(y) - self.center[0]) * self.scale)
+
+    def draw(self, fraction: np.ndarray, dominance: list[np.ndarray], gravity: np.ndarray,
+             droplets: np.ndarray | None = None) -> Image.Image:
+        """Panel of one frame: ``fraction`` (ny, nz) of what is shown, black lines where a ``dominance`` is zero.
+
+        ``droplets`` (ny, nz) is the share of oil in droplets, which is drawn over the liquid around them.
+        """
+        colors = COLORS[np.clip(self._sample(fraction) * 255.0 + 0.5, 0, 255).astype(np.uint8)]
+        if droplets is not None:
+            colors = self._with_droplets(colors, droplets)
+        pixels = np.where(self.inside[..., None], colors, self.background)
+        image = Image.fromarray(pixels)
+        lines = Image.new("L", self.size, 0)
+        pen = ImageDraw.Draw(lines)
+        for level in dominance:
+            for line in find_contours(level, 0.0):
+                x, y = self.pixel(*(line * self.cell + self.origin).T)
+                pen.line(list(zip(x.tolist(), y.tolist(), strict=True)), fill=255,
+                         width=max(2, round(0.55 * self.unit)), joint="curve")
+        image.paste((0, 0, 0), mask=Image.fromarray(np.where(self.inside, np.asarray(lines), 0).astype(np.uint8)))
+        self._marks(ImageDraw.Draw(image), gravity)
+        return image
+
+    def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
+        low, high = np.log10(DROPLET_RANGE)
+        level = (np.log10(np.maximum(self._sample(droplets), 10.0**low)) - low) / (high - low)
+        paint = DROPLET_COLORS[np.clip(level * 255.0 + 0.5, 0, 255).astype(np.uint8)]
+        opacity = np.clip(5.0 * level, 0.0, 1.0)[..., None]     # fades in over the first decade
+        return (colors * (1.0 - opacity) + paint * opacity).round().astype(np.uint8)
+
+    def _sample(self, values: np.ndarray) -> np.ndarray:
+        """Bilinear values at the pixels; the nearest node beyond the border."""
+        import scipy.ndimage
+
+        return scipy.ndimage.map_coordinates(np.asarray(values, np.float32), [self._rows, self._columns], order=1,
+                                             mode="nearest")
+
+    def _extent(self, distance: np.ndarray, eye: Eye) -> tuple[np.ndarray, np.ndarray]:
+        rows, columns = np.nonzero(distance < 0.0)
+        y = self.origin[0] + self.cell * np.array([rows.min(), rows.max()])
+        z = self.origin[1] + self.cell * np.array([columns.min(), columns.max()])
+        if eye.axial_length:
+            z[1] = z[0] + eye.axial_length
+        return y, z
+
+    def _scheme(self, distance: np.ndarray, field: np.ndarray, eye: Eye) -> np.ndarray:
+        """Colors of everything outside the cavity, (height, width, 3)."""
+        pixels = np.full((*distance.shape, 3), PAPER, np.uint8)
+        if eye.axial_length is None:
+            pixels[distance < WALL_THICKNESS] = WALL
+            self.lens_center = None
+            return pixels
+        y = self.origin[0] + self._rows * self.cell
+        z = self.origin[1] + self._columns * self.cell
+        apex = self._extent(field, eye)[1][1]
+        on_axis = np.nonzero(field[round(-self.origin[0] / self.cell)] < 0.0)[0]
+        lens_back = self.origin[1] + self.cell * on_axis.max()
+        if eye.lens == "phakic":
+            lens_front = lens_back + LENS_THICKNESS
+            lens = (np.hypot(y, z - (lens_back + LENS_BACK_RADIUS)) < LENS_BACK_RADIUS) & \
+                (np.hypot(y, z - (lens_front - LENS_FRONT_RADIUS)) < LENS_FRONT_RADIUS)
+            iris_back = lens_front - 0.3e-3
+        else:
+            lens = np.zeros_like(self.inside)
+            if eye.lens == "pseudophakic":
+                lens = (np.abs(z - lens_back - 0.5e-3) < 0.35e-3) & (np.abs(y) < 3e-3)
+            lens_front, iris_back = lens_back + 0.5e-3, lens_back + 0.5e-3
+        outer = np.hypot(y, z - (apex - CORNEA_RADIUS))
+        in_front = z > iris_back
+        cornea = in_front & (outer < CORNEA_RADIUS) & (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
+        chamber = (z > lens_back - 1e-3) & (outer < CORNEA_RADIUS - CORNEA_THICKNESS) & (distance > 0)
+        ring = (distance < WALL_THICKNESS) & ~(chamber & (np.abs(y) < PUPIL_RADIUS + 2.8e-3))
+        limb = np.abs(y).max(where=cornea & (z < iris_back + 2 * self.cell), initial=5e-3)
+        iris = (np.abs(z - iris_back) < IRIS_THICKNESS / 2) & (np.abs(y) > PUPIL_RADIUS) & (np.abs(y) < limb)
+        for region, color in ((chamber, CHAMBER), (ring, WALL), (cornea, CORNEA), (lens, LENS), (iris, IRIS)):
+            pixels[region] = color
+        edge = lens & ~_eroded(lens, max(1, round(0.2 * self.unit)))
+        pixels[edge] = FAINT_INK
+        # The name of the thin artificial lens stands in front of it.
+        self.lens_center = {"phakic": (0.0, 0.5 * (lens_back + lens_front)), "pseudophakic": (0.0, lens_back + 2.6e-3)
+                            }.get(eye.lens)
+        return pixels
+
+    def _marks(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
+        u, (width, height) = self.unit, self.size
+        text = 2.9 * u
+        for place, anchor, label in (
+            ((width / 2, 1.2 * u), "ma", "superior"), ((width / 2, height - 1.2 * u), "md", "inferior"),
+        ):
+            write(draw, place, label, text, color=FAINT_INK, anchor=anchor)
+        write(draw, (1.0 * u, height / 2), "anterior", text, color=FAINT_INK, anchor="lm")
+        write(draw, (width - 1.0 * u, height / 2), "posterior", text, color=FAINT_INK, anchor="rm")
+        if self.lens_center:
+            x, y = self.pixel(*self.lens_center)
+            write(draw, (x, y), "lens", 0.85 * text, color=FAINT_INK, anchor="mm")
+        length = SCALE_BAR * self.scale
+        left, base = 3.0 * u, height - 4.0 * u
+        draw.rectangle([left, base, left + length, base + 0.9 * u], fill=INK)
+        write(draw, (left + length / 2, base - 0.8 * u), "5 mm", text, anchor="md")
+        self._gravity(draw, gravity)
+
+    def _gravity(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
+        u, (width, _) = self.unit, self.size
+        center = np.array([width - 11.0 * u, 8.0 * u])
+        strength = np.linalg.norm(gravity)
+        caption = "gravity" if strength > 1e-6 else "no gravity"
+        write(draw, (center[0], center[1] + 6.6 * u), caption, 2.9 * u, anchor="ma")
+        write(draw, (center[0], center[1] + 10.2 * u), posture(gravity), 2.9 * u, bold=True, anchor="ma")
+        if strength < 1e-6:
+            return
+        x, y, z = np.asarray(gravity, float) / strength
+        if np.hypot(y, z) > 0.3:
+            half = 5.0 * u * np.array([-z, -y])
+            arrow(draw, center - half, center + half, 1.1 * u)
+        else:
+            away_mark(draw, center, 3.0 * u, 0.7 * u, toward=x > 0)
+
+
+def posture(gravity: np.ndarray) -> str:
+    """Posture of the patient from the direction of gravity in the eye: the axis it is within 20 degrees of."""
+    strength = np.linalg.norm(gravity)
+    if strength < 1e-6:
+        return ""
+    names = {"upright": (0, -1, 0), "supine": (0, 0, -1), "prone": (0, 0, 1), "lying on the left side": (1, 0, 0),
+             "lying on the right side": (-1, 0, 0), "head down": (0, 1, 0)}
+    best = max(names, key=lambda name: float(np.dot(names[name], gravity)))
+    return best if np.dot(names[best], gravity) / strength > np.cos(np.deg2rad(20.0)) else "between postures"
+
+
+def _eroded(mask: np.ndarray, steps: int) -> np.ndarray:
+    from scipy.ndimage import binary_erosion
+
+    return binary_erosion(mask, iterations=steps)

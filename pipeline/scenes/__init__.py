@@ -1,0 +1,1 @@
+"""Scenes: from YAML, checked, to one frozen record in SI units."""

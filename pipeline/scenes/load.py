@@ -1,0 +1,172 @@
+"""From a scene file in YAML to the resolved scene, and back from the resolved file."""
+import dataclasses
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from pipeline.base.errors import UserError
+from pipeline.scenes.checks import check, check_start
+from pipeline.scenes.fill import fill_at_end
+from pipeline.scenes.materials import load_materials, read_liquids
+from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
+from pipeline.scenes.reader import FAILED, Errors, Reader, describe, nearest
+from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
+from sim.settings import Numerics
+
+LEVEL_NAME = r"[A-Za-z0-9_-]+"
+PROJECT_CONFIG = Path(__file__).parents[2] / "config"
+
+
+def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:
+    """Read, check and resolve a scene file.
+
+    Parameters
+    ----------
+    path : YAML file of the scene; its name is the scene's name.
+    accuracy : level of ``accuracy.yaml``; by default the one that ``config.yaml`` chooses.
+    config_dir : folder of ``config.yaml``, ``accuracy.yaml`` and ``materials.yaml``; by default the folder above the
+        scene's, if it has them, else that of the project.
+
+    Raises
+    ------
+    UserError
+        With one sentence for every error of the file.
+    """
+    path = Path(path)
+    if config_dir is None:
+        config_dir = path.parent.parent if (path.parent.parent / "materials.yaml").is_file() else PROJECT_CONFIG
+    return _Resolver(Path(config_dir), accuracy).resolve(path)
+
+
+def load_resolved(path: str | Path) -> Scene:
+    """Read a resolved scene, as ``Scene.to_json`` writes it.
+
+    Raises
+    ------
+    UserError
+        The file is missing, or no resolved scene; with one sentence for every error.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such file, write it with `python -m pipeline.scene <scene file> --output {path}`")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UserError(f"{path}: not a resolved scene ({error})") from None
+    errors = Errors(path)
+    scene = Reader(errors, _liquid_names(data)).record(Scene, data)
+    errors.raise_any()
+    for key, message in check(vars(scene)):
+        errors.add(key, message)
+    errors.raise_any()
+    return scene
+
+
+class _Resolver:
+    """Resolves the scenes of one configuration at one accuracy level."""
+
+    def __init__(self, config_dir: Path, accuracy: str | None):
+        self.materials = load_materials(config_dir / "materials.yaml")
+        levels = load_accuracy_levels(config_dir / "accuracy.yaml")
+        where = "--accuracy"
+        if accuracy is None:
+            where = f"{config_dir / 'config.yaml'}: accuracy"
+            accuracy = read_yaml(config_dir / "config.yaml").get("accuracy")
+        if not isinstance(accuracy, str) or accuracy not in levels:
+            raise UserError(f"{where} is {describe(accuracy)}, but must be one of {', '.join(levels)}"
+                            f"{nearest(accuracy, levels)}")
+        self.accuracy, self.levels = accuracy, levels
+
+    def resolve(self, path: Path, chain: tuple[Path, ...] = ()) -> Scene:
+        """Return the scene in ``path``.
+
+        Parameters
+        ----------
+        chain : files of the scenes that start from this one.
+        """
+        errors = Errors(path)
+        data = read_extended(path, errors)
+        parts = self._read_parts(path.stem, data, errors)
+        for key, message in check(parts):
+            errors.add(key, message)
+        if isinstance(parts.get("eye"), Eye):
+            parts["eye"] = _with_mesh_beside(path, parts["eye"], errors)
+        if parts.get("start_from") is not None:
+            self._check_start(parts, path, (*chain, path), errors)
+        errors.raise_any()
+        return Scene(**parts)
+
+    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
+        """Return the fields of the scene without those that have errors."""
+        liquids = data.get("liquids")
+        # With an unknown liquid the references to the right name would look wrong too.
+        known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
+        reader = Reader(errors, liquids if known else ())
+        reader.refuse_unknown(data, SCENE_KEYS, ())
+        parts = {"name": name, "accuracy": self.accuracy}
+        if liquids is not None:
+            parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
+        level = self._read_level(data.get("levels", {}), reader)
+        parts["numerics"] = reader.record(Numerics, data.get("numerics", {}), ("numerics",), level)
+        for field in dataclasses.fields(Scene):
+            if field.name not in parts:
+                parts[field.name] = reader.field(field, data.get(field.name, dataclasses.MISSING), (field.name,))
+        parts = {name: value for name, value in parts.items() if value is not FAILED}
+        if "container" in data and "eye" not in data:
+            parts["eye"] = None
+        elif "container" not in data and parts.get("liquids") and parts.get("initial") == Initial():
+            parts["initial"] = Initial(liquid=parts["liquids"][0].name)
+        return parts
+
+    def _read_level(self, data: Any, reader: Reader) -> Numerics:
+        """Return the numerics of the chosen accuracy level with what the scene changes of it under ``levels``."""
+        changed = {}
+        if reader.is_mapping(data, ("levels",)):
+            reader.refuse_unknown(data, self.levels, ("levels",))
+            changed = {name: reader.record(Numerics, data[name], ("levels", name), level)
+                       for name, level in self.levels.items() if name in data}
+        level = changed.get(self.accuracy)
+        return level if isinstance(level, Numerics) else self.levels[self.accuracy]
+
+    def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
+        """Collect the errors of the scene that this one starts from, or of what they should have in common."""
+        try:
+            start = self.resolve(sibling(path, "start_from", parts["start_from"], chain), chain)
+        except UserError as error:
+            errors.messages.extend(error.messages)
+            return
+        fill = fill_at_end(start, lambda name: self.resolve(path.with_name(f"{name}.yaml"), chain))
+        for key, message in check_start(parts, start, fill):
+            errors.add(key, message)
+
+
+def load_accuracy_levels(path: Path) -> dict[str, Numerics]:
+    """Return the numerics of every level of ``accuracy.yaml``."""
+    errors = Errors(path)
+    reader = Reader(errors)
+    levels = {name: reader.record(Numerics, data, (name,)) for name, data in read_yaml(path).items()}
+    for name in levels:
+        if not re.fullmatch(LEVEL_NAME, name):
+            errors.add((name,), "is no name for a level: its results get a folder of that name, so it must be made of "
+                                "letters, digits, _ and -")
+    errors.raise_any()
+    return levels
+
+
+def _with_mesh_beside(scene_file: Path, eye: Eye, errors: Errors) -> Eye:
+    """Return ``eye`` with the path of its mesh taken from the folder of the scene file."""
+    if eye.path is None:
+        return eye
+    mesh = scene_file.parent / eye.path
+    if not mesh.is_file():
+        errors.add(("eye", "path"), f'is "{eye.path}", but there is no such file beside the scene ({mesh})')
+    return dataclasses.replace(eye, path=os.path.normpath(mesh))
+
+
+def _liquid_names(data: Any) -> list[str]:
+    """Return the names of the liquids in a resolved scene, as far as they can be found."""
+    liquids = data.get("liquids") if isinstance(data, dict) else None
+    names = [liquid.get("name") for liquid in liquids if isinstance(liquid, dict)] if isinstance(liquids, list) else []
+    return [name for name in names if isinstance(name, str)]

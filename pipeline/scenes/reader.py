@@ -1,0 +1,231 @@
+"""From plain data (YAML, JSON) to the dataclasses that declare their fields with ``sim.parameters.parameter``.
+
+Nothing is raised on the way: every error is collected with its file and key, so that the user sees all of them at once.
+"""
+import dataclasses
+import difflib
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pipeline.base.errors import UserError
+from pipeline.scenes.units import parse_quantity
+
+Key = tuple[str | int, ...]
+FAILED = object()  # stands for a value that could not be read; its error is collected
+
+# Why a parameter cannot be left out, where its meaning does not say so.
+_REASONS = {
+    ("injection", "drain"): "the closed cavity is full and liquids are incompressible, so what enters needs an outlet",
+    ("injection", "drained_liquid"): "the closed cavity is full and liquids are incompressible, so as much must leave "
+                                     "as enters",
+}
+
+
+class NotRead(Exception):
+    """A field of an incomplete record was asked for."""
+
+
+class Incomplete:
+    """A record with fields that could not be read: the others can still be checked, before the errors are raised."""
+
+    def __init__(self, values: Mapping[str, Any]):
+        vars(self).update((name, value) for name, value in values.items() if value is not FAILED)
+
+    def __getattr__(self, name: str) -> Any:
+        raise NotRead(name)
+
+
+class Errors:
+    """The errors of one scene, one sentence each.
+
+    Parameters
+    ----------
+    file : file to name.
+
+    Attributes
+    ----------
+    origins : file in which a key was written, where that can be another one because of ``extends``.
+    """
+
+    def __init__(self, file: str | Path):
+        self.messages: list[str] = []
+        self.origins: dict[Key, Path] = {}
+        self._file = file
+
+    def add(self, key: Key, message: str) -> None:
+        """Collect "<file>: <key> <message>"."""
+        parents = (key[:length] for length in range(len(key), 0, -1))
+        origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
+        file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
+        self.messages.append(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
+
+    def raise_any(self) -> None:
+        """Raise all collected errors, if any, as one UserError."""
+        if self.messages:
+            raise UserError(*dict.fromkeys(self.messages))
+
+
+class Reader:
+    """Reads values as their declared types.
+
+    Parameters
+    ----------
+    errors : collects what is wrong.
+    liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
+    """
+
+    def __init__(self, errors: Errors, liquids: Iterable[str] = ()):
+        self._errors = errors
+        self._liquids = tuple(liquids) or None
+
+    def record(self, cls: type, data: Any, key: Key = (), base: Any = None) -> Any:
+        """Return an instance of the dataclass ``cls``, or an ``Incomplete`` one.
+
+        What ``data`` leaves out is taken from ``base``, if given.
+        """
+        if not self.is_mapping(data, key):
+            return Incomplete({})
+        fields = {field.name: field for field in dataclasses.fields(cls)}
+        self.refuse_unknown(data, fields, key)
+        values = {name: self.field(field, data.get(name, dataclasses.MISSING), (*key, name), base)
+                  for name, field in fields.items()}
+        return Incomplete(values) if FAILED in values.values() else cls(**values)
+
+    def field(self, field: dataclasses.Field, data: Any, key: Key, base: Any = None) -> Any:
+        """Return the value of one field of a dataclass: from ``data``, from ``base`` or its default."""
+        if data is not dataclasses.MISSING:
+            return self._value(field.type, field.metadata, data, key)
+        if base is not None:
+            return getattr(base, field.name)
+        if field.default is not dataclasses.MISSING:
+            return field.default
+        if field.default_factory is not dataclasses.MISSING:
+            return field.default_factory()
+        reason = _REASONS.get(key[-2:])
+        self._errors.add(key, f"is missing ({field.metadata['meaning']})" + (f": {reason}" if reason else ""))
+        return FAILED
+
+    def is_mapping(self, data: Any, key: Key) -> bool:
+        """Tell whether ``data`` is a mapping; collect an error if not."""
+        if not isinstance(data, dict):
+            self._fail(key, data, "must be a mapping (`name: value` lines)")
+        return isinstance(data, dict)
+
+    def refuse_unknown(self, data: Mapping, names: Iterable[str], key: Key) -> None:
+        """Collect an error for every key of ``data`` that is not in ``names``."""
+        names = list(names)
+        for name in [name for name in data if name not in names]:
+            known = f"known here are {', '.join(names)}" if names else "nothing can be set here"
+            self._errors.add((*key, name), f"is not known{nearest(name, names)}; {known}")
+
+    def _value(self, kind: Any, metadata: Mapping, data: Any, key: Key) -> Any:
+        origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+        if origin is types.UnionType:  # X | None
+            return None if data is None else self._value(arguments[0], metadata, data, key)
+        if dataclasses.is_dataclass(kind):
+            return self.record(kind, data, key)
+        if "kinds" in metadata:
+            return self._chosen_records(metadata["kinds"], data, key)
+        if origin is tuple:
+            return self._tuple(arguments, metadata, data, key)
+        if origin is dict:
+            return self._dict(arguments[1], metadata, data, key)
+        return {float: self._number, int: self._number, bool: self._bool, str: self._text}[kind](
+            kind, metadata, data, key)
+
+    def _chosen_records(self, kinds: Mapping[str, type], data: Any, key: Key) -> Any:
+        """Read a mapping whose keys choose the dataclass."""
+        if not self.is_mapping(data, key):
+            return FAILED
+        self.refuse_unknown(data, kinds, key)
+        return {name: self.record(kinds[name], data[name], (*key, name)) for name in kinds if name in data}
+
+    def _tuple(self, kinds: tuple, metadata: Mapping, data: Any, key: Key) -> Any:
+        if not isinstance(data, (list, tuple)):
+            return self._fail(key, data, f"must be a list{_meaning(metadata)}")
+        if kinds[-1] is Ellipsis:
+            kinds = kinds[:1] * len(data)
+        elif len(data) != len(kinds):
+            self._errors.add(key, f"has {len(data)} entries, but must have {len(kinds)}{_meaning(metadata)}")
+            return FAILED
+        values = tuple(self._value(kind, metadata, item, (*key, index))
+                       for index, (kind, item) in enumerate(zip(kinds, data, strict=True)))
+        return FAILED if FAILED in values else values
+
+    def _dict(self, kind: Any, metadata: Mapping, data: Any, key: Key) -> Any:
+        if not self.is_mapping(data, key):
+            return FAILED
+        if metadata["liquid"] and self._liquids:
+            self.refuse_unknown(data, self._liquids, key)
+        values = {name: self._value(kind, {**metadata, "liquid": False}, item, (*key, name))
+                  for name, item in data.items()}
+        return FAILED if FAILED in values.values() else values
+
+    def _number(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
+        try:
+            number = parse_quantity(data, metadata["unit"])
+        except ValueError as error:
+            self._errors.add(key, f"is {error}{_meaning(metadata)}")
+            return FAILED
+        if kind is int and not number.is_integer():
+            return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
+        if not _in_range(number, metadata):
+            return self._fail(key, data, f"must be {allowed_range(metadata)}{_meaning(metadata)}")
+        return kind(number)
+
+    def _bool(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
+        return data if isinstance(data, bool) else self._fail(key, data, f"must be true or false{_meaning(metadata)}")
+
+    def _text(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
+        choices = self._liquids if metadata["liquid"] else metadata["choices"]
+        if choices is not None and data not in choices:
+            return self._fail(key, data, f"must be one of {', '.join(choices)}{nearest(data, choices)}")
+        if not isinstance(data, str):
+            return self._fail(key, data, f"must be text, in quotes if it looks like a number{_meaning(metadata)}")
+        return data
+
+    def _fail(self, key: Key, data: Any, message: str) -> Any:
+        self._errors.add(key, f"is {describe(data)}, but {message}")
+        return FAILED
+
+
+def dotted(key: Key) -> str:
+    """Return a key as users write it: ``effects.gravity.turns[0].to``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
+
+
+def nearest(word: Any, names: Iterable[str]) -> str:
+    """Return " (did you mean <name>?)" for the name that is most like ``word``, or nothing."""
+    word = str(word).lower()
+    matches = difflib.get_close_matches(word, names, n=5)
+    # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
+    best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
+    return f" (did you mean {best}?)" if best else ""
+
+
+def describe(data: Any) -> str:
+    """Return data of a user's file as an error message names it."""
+    if isinstance(data, (dict, list, tuple)):
+        return "a mapping" if isinstance(data, dict) else "a list"
+    if data is None:
+        return "empty"
+    return str(data).lower() if isinstance(data, bool) else f'"{data}"' if isinstance(data, str) else str(data)
+
+
+def allowed_range(metadata: Mapping) -> str:
+    """Return the range of a number in words, "" if it has none."""
+    unit = f" {metadata['unit'].replace('**', '')}" if metadata["unit"] else ""
+    bounds = (("above", "exclusive_minimum"), ("at least", "minimum"), ("at most", "maximum"))
+    return " and ".join(f"{words} {metadata[name]:g}{unit}" for words, name in bounds if metadata[name] is not None)
+
+
+def _in_range(number: float, metadata: Mapping) -> bool:
+    low, above, high = (metadata[name] for name in ("minimum", "exclusive_minimum", "maximum"))
+    return (low is None or number >= low) and (above is None or number > above) and (high is None or number <= high)
+
+
+def _meaning(metadata: Mapping) -> str:
+    return f" ({metadata['meaning']})"

@@ -1,0 +1,292 @@
+"""Studies of what accuracy costs: error against time, one figure and one CSV for every family of cases.
+
+The first case of a family is its base, a sweep of the particle spacing; every other case differs from it in one thing
+(tolerance, time step, scheme, precision, support radius) at one of its resolutions. The error is that of the family's
+``HEADLINE``. A family without a reference (``SELF_CONVERGENCE``) gives a curve instead, which is compared with that of
+the base at its finest resolution. Times are those of the steps, without compilation, of all cores: on a computer that
+does other things as well, the clock says little.
+"""
+import csv
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.base.files import replacing
+from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
+from pipeline.scenes.units import parse_quantity
+from pipeline.scenes.yaml_files import read_yaml
+from pipeline.study_kit.model import Outcome, Row, observed_order
+from pipeline.study_kit.plan import ACCURACY, Case, Study
+from pipeline.study_kit.tank import COMPUTING_TIME, WALL_TIME
+
+WIDTH = 0.022  # m, of the eye whose levels are marked
+SPACING, REACHED = "particle spacing", "time reached"
+UNTOLD = ("resolutions", "seed")  # parameters that are no change
+NAMES = {"tolerance_factor": "tolerances x {:g}", "time_step_factor": "time step x {:g}", "support_ratio": "h/dx {:g}",
+         "precision": "{}", "scheme": "{}"}
+COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4aa8a0", "#d16ba5", "#7a8b2f", "#4b4e57", "#a05a2c")
+MARKERS = "sD^v<>PXp"
+ORDERS = np.linspace(0.1, 6.0, 1181)  # that are tried where the finest run is the reference
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """One run: what was changed, how exact and how dear it was; times in s."""
+
+    change: str
+    resolution: int
+    particles: float
+    error: float
+    unit: str
+    wall: float
+    cpu: float
+    front: bool = False
+
+
+def change_of(case: Case, base: Case) -> str:
+    """Return in words what tells a case from the base of its family."""
+    fields = [field.name for field in dataclasses.fields(base.parameters) if field.name not in UNTOLD]
+    changed = [NAMES.get(name, name.replace("_", " ") + " {}").format(getattr(case.parameters, name))
+               for name in fields if getattr(case.parameters, name) != getattr(base.parameters, name)]
+    return ", ".join(changed) or SPACING
+
+
+def on_front(times: Sequence[float], errors: Sequence[float]) -> list[bool]:
+    """Tell for every point whether no other is both as exact and as fast, and better in one of the two."""
+    pairs = list(zip(times, errors, strict=True))
+    return [all(map(math.isfinite, one)) and not any(
+        other[0] <= one[0] and other[1] <= one[1] and other != one for other in pairs) for one in pairs]
+
+
+def points_of(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> list[Point]:
+    """Return the points of one family, those of its base first."""
+    family, found = cases[0].family, []
+    reference = _reference(cases[0], outcomes[0]) if getattr(family, "SELF_CONVERGENCE", False) else None
+    for case, outcome in zip(cases, outcomes, strict=True):
+        change = change_of(case, cases[0])
+        for resolution in case.parameters.resolutions:
+            rows = {row.quantity: row for row in outcome.rows if row.at.rpartition("=")[2] == str(resolution)}
+            if reference is None:
+                error, unit = _error(rows.get(family.HEADLINE))
+            else:
+                error, unit = _difference(outcome, resolution, reference), "1"
+            number = {name: rows[name].value if name in rows else math.nan
+                      for name in ("particles", WALL_TIME, COMPUTING_TIME)}
+            found.append(Point(change, resolution, number["particles"], error, unit, number[WALL_TIME],
+                               number[COMPUTING_TIME]))
+    front = on_front([point.cpu for point in found], [point.error for point in found])
+    return [dataclasses.replace(point, front=best) for point, best in zip(found, front, strict=True)]
+
+
+def _error(row: Row | None) -> tuple[float, str]:
+    if row is None or row.error is None or not math.isfinite(row.error):
+        return math.nan, "1"
+    absolute = math.isclose(row.error, abs(row.value - row.reference), rel_tol=1e-9)
+    return row.error, row.unit if absolute else "1"
+
+
+def _curve(outcome: Outcome, resolution: int):
+    return next((np.array([curve.x, curve.y]) for curve in outcome.curves
+                 if curve.label.rpartition("=")[2] == str(resolution)), None)
+
+
+def _reference(case: Case, outcome: Outcome):
+    return _curve(outcome, max(case.parameters.resolutions))
+
+
+def _difference(outcome: Outcome, resolution: int, reference) -> float:
+    """Root mean square difference of a curve from that of the reference, over the root mean square of that one."""
+    curve = _curve(outcome, resolution)
+    if curve is None or reference is None or np.array_equal(curve, reference):
+        return math.nan
+    difference = np.interp(reference[0], *curve) - reference[1]
+    return float(np.sqrt((difference**2).mean() / (reference[1] ** 2).mean()))
+
+
+def base_points(points: Sequence[Point]) -> list[Point]:
+    """The points of the sweep of the particle spacing that have an error, coarse to fine."""
+    return sorted((point for point in points if point.change == SPACING and math.isfinite(point.error)),
+                  key=lambda point: point.resolution)
+
+
+def law_of(points: Sequence[Point]) -> tuple[float, float]:
+    """Return order p and factor C of the error C n^-p with n spacings along the case; nan without two errors.
+
+    Where a run is compared with the finest one, of m spacings, their difference is C (n^-p - m^-p): p is the one that
+    leaves the least of the logarithms. There is none if that is at the end of :data:`ORDERS`: the runs do not converge
+    yet.
+    """
+    base = [point for point in base_points(points) if point.error > 0.0]
+    if len(base) < 2:
+        return math.nan, math.nan
+    size, errors = (np.array([getattr(point, name) for point in base]) for name in ("resolution", "error"))
+    finest = max((point.resolution for point in points if point.change == SPACING), default=0)
+    if finest == size.max():
+        order = observed_order(1.0 / size, errors)
+        return order, float(np.exp(np.mean(np.log(errors) + order * np.log(size))))
+    left = []
+    for order in ORDERS:
+        misses = np.log(errors) - np.log(size**-order - finest**-order)
+        left.append((float(np.var(misses)), float(order), float(np.exp(misses.mean()))))
+    _, order, factor = min(left)
+    return (order, factor) if ORDERS[0] < order < ORDERS[-1] else (math.nan, math.nan)
+
+
+def order_of(points: Sequence[Point]) -> float:
+    """Observed order of the error with the particle spacing."""
+    return law_of(points)[0]
+
+
+def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float]) -> dict[str, tuple[float, ...]]:
+    """Return for every accuracy level resolution, time and error.
+
+    The error follows the law of the sweep of the spacing; the time is interpolated in it, and nan beyond it: what small
+    runs take says nothing about large ones (`pipeline.estimate` does).
+
+    Parameters
+    ----------
+    levels : name -> particle spacing, m, in an eye of :data:`WIDTH`; a case resolves ``per_width`` of that.
+    """
+    order, factor = law_of(points)
+    base = sorted((point.resolution, point.cpu) for point in points if point.change == SPACING)
+    found = {}
+    for name, spacing in levels.items():
+        resolution = per_width * WIDTH / spacing
+        inside = base[0][0] <= resolution <= base[-1][0]
+        time = float(np.exp(np.interp(np.log(resolution), *np.log(base).T))) if inside else math.nan
+        found[name] = (resolution, time, factor * resolution**-order)
+    return found
+
+
+def spacings() -> dict[str, float]:
+    """Particle spacing of every accuracy level, m."""
+    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
+
+
+def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> list[Outcome]:
+    """Write a figure and a CSV of every family and ``orders.csv``; return what is to be said about them."""
+    orders, found = [], []
+    target.mkdir(parents=True, exist_ok=True)
+    for family in dict.fromkeys(case.family for case in study.cases.values()):
+        cases = [case for case in study.cases.values() if case.family is family]
+        points = points_of(cases, [next(one for one in outcomes if one.case == case.name) for case in cases])
+        name = family.__name__.rpartition(".")[2]
+        _write_csv(target / f"{name}.csv", [field.name for field in dataclasses.fields(Point)],
+                   [dataclasses.asdict(point) for point in points])
+        _draw(target / f"{name}_tradeoff.png", name, family, points)
+        orders += _orders(name, family, points)
+        found.append(_outcome(name, points))
+    _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
+    return found
+
+
+def unasked(outcome: Outcome) -> Outcome:
+    """The outcome without tolerances, for inexact runs are what such a study is about; that a run ends is asked."""
+    rows = [row if row.quantity == REACHED else dataclasses.replace(row, tolerance=None) for row in outcome.rows]
+    return dataclasses.replace(outcome, rows=rows)
+
+
+def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _orders(name: str, family, points: Sequence[Point]) -> list[dict]:
+    base = base_points(points)
+    if not base:
+        return []
+    order, factor = law_of(points)
+    finest, error = base[-1], base[-1].error
+    if finest.resolution < max(point.resolution for point in points if point.change == SPACING):
+        # What was measured is the difference from a run that has an error of its own.
+        error = factor * finest.resolution**-order if math.isfinite(order) else error
+    else:
+        order = min(order, _last_order(base))
+    return [{"case": name, "quantity": family.HEADLINE, "unit": finest.unit,
+             "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
+             "resolution": finest.resolution, "order": order, "error": error}]
+
+
+def _last_order(base: Sequence[Point]) -> float:
+    """The order between the two finest runs: an estimate must not promise more than the last refinement gave."""
+    last = base[-2:]
+    return observed_order([1.0 / point.resolution for point in last], [point.error for point in last])
+
+
+def _outcome(name: str, points: Sequence[Point]) -> Outcome:
+    """What every change gains or loses beside the base at the same resolution, as rows and as a sentence."""
+    order = order_of(points)
+    outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
+    base, said = {point.resolution: point for point in points if point.change == SPACING}, []
+    for point in points:
+        beside = base.get(point.resolution)
+        if point.change == SPACING or beside is None or beside.error == 0.0:
+            continue
+        exact, dear = point.error / beside.error, point.cpu / beside.cpu
+        at = f"{point.change} n={point.resolution}"
+        outcome.rows += [Row("error over that of the base", exact, at=at, wall_s=point.wall),
+                         Row("computing time over that of the base", dear, at=at, wall_s=point.wall)]
+        said.append(f"{point.change} {exact:.2f} and {dear:.2f}")
+    if said:
+        outcome.remarks.append(f"{name}: {_said(order)}; error and computing time over those of the base: "
+                               f"{'; '.join(said)}.")
+    return outcome
+
+
+def _said(order: float) -> str:
+    return f"order {order:.1f}" if math.isfinite(order) else "no order found"
+
+
+def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
+    axes = FigureCanvasAgg(canvas).figure.subplots()
+    base, shown = base_points(points), [point for point in points if math.isfinite(point.error) and point.error > 0.0]
+    axes.plot([point.cpu for point in base], [point.error for point in base], "o-", color="black", lw=1.4, ms=6,
+              label=f"{SPACING}, {_said(order_of(points))}")
+    for point in base:
+        axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points", fontsize=8)
+    looks = zip(itertools.cycle(COLORS), itertools.cycle(MARKERS), strict=False)
+    for change in dict.fromkeys(point.change for point in shown if point.change != SPACING):
+        color, marker = next(looks)
+        some = [point for point in shown if point.change == change]
+        axes.plot([point.cpu for point in some], [point.error for point in some], marker, color=color, ms=7,
+                  label=f"{change} ({', '.join(str(point.resolution) for point in some)})")
+    front = sorted((point.cpu, point.error) for point in shown if point.front)
+    if front:
+        axes.plot(*zip(*front, strict=True), color="#c8a200", lw=5, alpha=0.35, zorder=0, label="Pareto front")
+    # A difference from the finest run is no error: beside it, the error that a level has would mislead.
+    levels = {} if getattr(family, "SELF_CONVERGENCE", False) else levels_of(points, family.PER_WIDTH, spacings())
+    for level, (resolution, time, error) in levels.items():
+        if not math.isfinite(error):
+            continue
+        if math.isfinite(time):
+            axes.plot(time, error, "*", ms=15, mfc="#c8a200", mec="black", zorder=6)
+            axes.annotate(f"{level} ({resolution:.3g})", (time, error), (9, 6), textcoords="offset points", fontsize=9)
+        else:
+            axes.axhline(error, color="#8a7000", lw=0.9, ls=":", zorder=0)
+            axes.annotate(f"{level} ({resolution:.3g}), by the observed order", (0.995, error), xycoords=(
+                "axes fraction", "data"), ha="right", va="bottom", fontsize=8, color="#6b5700")
+    unit = f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""
+    axes.set(xlabel="computing time without compilation, all cores / s", ylabel=f"error: {family.HEADLINE}{unit}")
+    if shown:
+        axes.set(xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+    axes.set_title(f"{name.replace('_', ' ')}: what accuracy costs (spacings along the case; stars: levels)",
+                   loc="left", fontsize=11)
+    axes.grid(alpha=0.3, which="both")
+    canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
+    with replacing(path) as partial:
+        canvas.savefig(partial, dpi=130)

@@ -1,0 +1,1 @@
+"""From particles to the surfaces of the liquids, and their files."""

@@ -1,0 +1,119 @@
+"""Files of the reconstruct stage: surfaces as VTK poly data, the section as a VTK image."""
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.base.errors import UserError
+from pipeline.base.vtk_files import write_vtk
+from pipeline.surfaces.contour import TriangleMesh
+from pipeline.surfaces.contour_lines import ContourLines
+
+EMPTY = {
+    ".ply": b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 0\nproperty list uchar int vertex_indices\nend_header\n",
+    ".stl": bytes(84),
+}
+
+
+def surface_path(folder: Path, frame: str, liquid: str, suffix: str = ".vtp") -> Path:
+    """Path of the surface of ``liquid`` in the frame named ``frame`` ("frame_00000")."""
+    return Path(folder) / f"{frame}_{liquid}{suffix}"
+
+
+def write_surface(path: Path, mesh: TriangleMesh | ContourLines, *, time: float, liquid: str,
+                  depth: np.ndarray) -> None:
+    """Write a closed surface or closed lines in m (``.vtp``, LZ4).
+
+    ``depth`` (v,) is the distance of every one of ``mesh.points`` to the wall in m.
+
+    The folder that holds the file is renamed when complete, so the file itself is written in place.
+    """
+    surface = to_polydata(mesh)
+    surface.point_data["depth"] = depth.astype(np.float32)
+    surface.field_data["time"] = [time]
+    surface.field_data["liquid"] = [liquid]
+    surface.field_data["units"] = ["points: m", "depth: m", "time: s"]
+    write_vtk(surface, path)
+
+
+def write_copy(path: Path, mesh: TriangleMesh) -> None:
+    """Write the surface once more as ``.ply`` or ``.stl``, by suffix; an empty surface gives an empty file."""
+    import trimesh
+
+    suffix = Path(path).suffix
+    # Written by Python: VTK leaves a part of a file, without an error, on a full disk. Trimesh exports no empty mesh.
+    whole = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    Path(path).write_bytes(whole.export(file_type=suffix[1:]) if len(mesh.triangles) else EMPTY[suffix])
+
+
+def to_polydata(mesh: TriangleMesh | ContourLines):
+    """The mesh as pyvista.PolyData in m; lines lie in the plane z = 0."""
+    import pyvista
+
+    if isinstance(mesh, ContourLines):
+        if not mesh.lines:
+            return pyvista.PolyData()
+        points = np.pad(mesh.points.astype(np.float32), ((0, 0), (0, 1)))
+        return pyvista.PolyData(points, lines=_closed_lines([len(line) - 1 for line in mesh.lines]))
+    if not len(mesh.triangles):
+        return pyvista.PolyData()
+    return pyvista.PolyData.from_regular_faces(mesh.vertices.astype(np.float32), mesh.triangles)
+
+
+def _closed_lines(counts: list[int]) -> np.ndarray:
+    """VTK's list of lines through runs of points, each back to its first point."""
+    starts = np.cumsum([0, *counts[:-1]])
+    return np.concatenate([[count + 1, *range(start, start + count), start]
+                           for start, count in zip(starts, counts, strict=True)])
+
+
+def read_surface(path: Path):
+    """Read a surface as pyvista.PolyData.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    import pyvista
+
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such surface; run the reconstruct stage first")
+    return pyvista.read(path)
+
+
+def lines_of(surface) -> list[np.ndarray]:
+    """Lines (k, 3) in m of a pyvista.PolyData."""
+    lines, cells, start = [], np.asarray(surface.lines), 0
+    while start < len(cells):
+        end = start + 1 + cells[start]
+        lines.append(np.asarray(surface.points)[cells[start + 1:end]])
+        start = end
+    return lines
+
+
+def write_section(path: Path, section) -> None:
+    """Write a :class:`pipeline.surfaces.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0."""
+    import pyvista
+
+    count_y, count_z = section.signed_distance.shape
+    image = pyvista.ImageData(dimensions=(1, count_y, count_z), spacing=(section.cell,) * 3,
+                              origin=(0.0, *section.origin))
+    for name in ("fraction", "dominance"):
+        values = getattr(section, name)
+        image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])
+    image.point_data["signed_distance"] = section.signed_distance.ravel(order="F")
+    write_vtk(image, path)
+
+
+def read_section(path: Path):
+    """Read a section as pyvista.ImageData.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    import pyvista
+
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such section; run the reconstruct stage first")
+    return pyvista.read(path)

@@ -1,0 +1,1 @@
+"""What the Snakefile asks: scenes, studies, and what a stage depends on."""

@@ -1,0 +1,63 @@
+"""What a stage depends on: a digest of the code it uses and of the part of the scene it reads.
+
+Snakemake keeps the digest of every finished job as a parameter, and runs the job again when it changes. Comments,
+docstrings and layout do not count (``pipeline.base.digest``).
+"""
+import dataclasses
+import json
+from collections.abc import Iterable
+
+from pipeline.base.digest import code_used, shortened
+from pipeline.scenes.model import Scene
+
+WORDS = ("title", "description", "label")
+PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
+# What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
+UNREAD = {
+    "advise": ("description", "label", *PICTURE, "liquids.color", "liquids.source"),
+    "estimate": ("description", "label", "liquids.color", "liquids.source"),
+    "cost": ("description", "label", "liquids.color", "liquids.source"),
+    "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
+            "liquids"),
+    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", "liquids.color", "liquids.source"),
+    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
+    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "schemes", "output.duration",
+                    "output.image_size", "liquids.color", "liquids.source"),
+    "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
+               "liquids.color", "liquids.source"),
+    "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
+                     "liquids", "output"),
+    "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
+    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
+                "liquids.color", "liquids.source"),
+}
+
+
+def stage_digest(stage: str, scene: Scene | None = None) -> str:
+    """Return the digest of ``python -m pipeline.<stage>`` for a scene: a new one means that its results may differ.
+
+    Parameters
+    ----------
+    stage : name of the module in ``pipeline``.
+    scene : the scene it works on; ``None`` for a stage that reads no scene.
+    """
+    chosen = {*scene.effects, scene.numerics.scheme} if scene else set()
+    read = json.dumps(_part_read(scene, UNREAD.get(stage, ())), sort_keys=True) if scene else ""
+    return shortened(code_used(f"pipeline.{stage}", chosen), read)
+
+
+def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
+    """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid.
+
+    Parameters of schemes that are not chosen are not read by any stage.
+    """
+    values = json.loads(json.dumps(dataclasses.asdict(scene)))
+    values["schemes"] = values["schemes"].get(scene.numerics.scheme)
+    for key in unread:
+        first, _, second = key.partition(".")
+        if not second:
+            values.pop(first)
+        else:
+            for record in values[first] if isinstance(values[first], list) else [values[first]]:
+                record.pop(second)
+    return values

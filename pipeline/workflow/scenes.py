@@ -1,0 +1,215 @@
+"""What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
+import fcntl
+import functools
+import hashlib
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NoReturn
+
+from pipeline.base.cli import describe, reason
+from pipeline.base.errors import UserError
+from pipeline.base.files import remove_left_over, write_text
+from pipeline.scenes.devices import checked_device, chosen_device
+from pipeline.scenes.load import load_accuracy_levels, load_scene
+from pipeline.scenes.model import Scene
+from pipeline.scenes.reader import describe as shown
+from pipeline.scenes.reader import nearest
+from pipeline.scenes.threads import chosen_threads, solver_threads
+from pipeline.study_kit.plan import study_names
+from pipeline.workflow.digest import stage_digest
+
+SCENES = Path("config/scenes")
+LEVELS = Path("config/accuracy.yaml")
+OUTPUTS = Path("outputs")
+KEYS = ("scenes", "accuracy", "device")
+DEVICE = "--config device"
+
+
+def stop(*messages: str) -> NoReturn:
+    """End Snakemake with one sentence per error, without a traceback of the Snakefile."""
+    for message in messages:
+        print(f"error: {message}", file=sys.stderr)
+    sys.stderr.flush()
+    sys.exit(2)
+
+
+def probe(folder: Path) -> None:
+    """Make a folder if it is missing; end Snakemake where nothing can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(4096))
+    except OSError as error:
+        stop(f"{folder}: this folder cannot be written ({reason(error)})")
+
+
+def _read(load, *arguments):
+    """What ``load`` returns; its errors end Snakemake with one sentence for each."""
+    try:
+        return load(*arguments)
+    except UserError as error:
+        stop(*error.messages)
+    except OSError as error:
+        stop(describe(error))
+
+
+class Workflow:
+    """The scenes of one call of Snakemake.
+
+    Parameters
+    ----------
+    config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
+
+    Attributes
+    ----------
+    names : scenes that ``all`` makes.
+    levels : names of all accuracy levels; each has a folder of its own in that of a scene.
+    accuracy : level at which ``all`` and the studies are made.
+    device : option of every stage that starts the solver, empty where the scenes decide.
+    """
+
+    def __init__(self, config: Mapping[str, object]):
+        for key in config:
+            if key not in KEYS:
+                stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")
+        names = config.get("scenes")
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+            stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
+        probe(Path(".snakemake"))  # Snakemake's own notes: without them it ends with a traceback
+        self.names = list(dict.fromkeys(names))
+        self.levels = tuple(_read(load_accuracy_levels, LEVELS))
+        self.accuracy = config.get("accuracy")
+        if self.accuracy not in self.levels:
+            stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
+                 f"{nearest(self.accuracy, self.levels)}")
+        self._device = config.get("device")
+        if self._device is not None:
+            _read(checked_device, self._device, DEVICE)
+        self.device = "" if self._device is None else f"--device {self._device}"
+        self._scenes: dict[tuple[str, str], Scene] = {}
+
+    @property
+    def any_level(self) -> str:
+        """Regular expression of the names of all levels."""
+        return "|".join(map(re.escape, self.levels))
+
+    def scene(self, name: str, level: str) -> Scene:
+        """Return a scene at an accuracy level; a scene with errors ends Snakemake with one sentence for each."""
+        if (name, level) not in self._scenes:
+            path = SCENES / f"{name}.yaml"
+            scene = self._scenes[name, level] = _read(load_scene, path, level)
+            _read(chosen_threads, None, scene, path)
+            _read(chosen_device, self._device, scene, path, DEVICE)
+        return self._scenes[name, level]
+
+    def threads(self, name: str, level: str, cores: int) -> int:
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores."""
+        return solver_threads(self.scene(name, level), cores)
+
+    def segments(self, name: str, level: str) -> list[str]:
+        """Return the names of the segments of a scene: ``000``, ``001`` ..."""
+        return self.scene(name, level).segment_names
+
+    def start(self, name: str, level: str, segment: str) -> list[str]:
+        """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""
+        segments = self.segments(name, level)
+        if segment not in segments:
+            stop(f"{name} has no segment {segment}; its segments are {', '.join(segments)}")
+        if int(segment):
+            return [f"{OUTPUTS}/{name}/{level}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
+        earlier = self.scene(name, level).start_from
+        if not earlier:
+            return []
+        return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{self.segments(earlier, level)[-1]}.npz"]
+
+    def mesh(self, name: str, level: str) -> list[str]:
+        """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
+        eye = self.scene(name, level).eye
+        return [eye.path] if eye is not None and eye.path else []
+
+    def compared(self, name: str, level: str, other: str) -> list[str]:
+        """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
+        if level == other:
+            stop(f"{OUTPUTS}/{name}/compare_{level}_{other}: compares {level} with itself; name two of "
+                 f"{', '.join(self.levels)}")
+        files = []
+        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in (level, other)):
+            files += [f"{folder}/metrics.csv", *(f"{folder}/images/segment_{segment}" for segment in segments),
+                      *(f"{folder}/costs/segment_{segment}.json" for segment in segments)]
+        return files
+
+    def refuse(self, name: str, rest: str) -> NoReturn:
+        """End Snakemake with the path to ask for: a file was asked for without an accuracy level.
+
+        name : of a scene, or studies/<study>.
+        """
+        study = name.removeprefix("studies/")
+        if study == name:
+            self.scene(name, self.accuracy)  # an unknown scene has a sentence of its own
+        elif study not in study_names():
+            stop(f'{OUTPUTS}/{name}: no study is called "{study}"{nearest(study, study_names())}')
+        file = "movie.mp4" if study == name else "table.html"
+        folder, levels = f"{OUTPUTS}/{name}", ", ".join(self.levels)
+        first, _, after = rest.partition("/")
+        meant = nearest(first, self.levels) if after else ""
+        if first.startswith("compare_"):
+            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
+        if rest in self.levels:
+            stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/{file}")
+        if meant:
+            stop(f'{folder}/{rest}: no accuracy level is called "{first}"{meant}; there are {levels}')
+        stop(f"{folder}/{rest}: every accuracy level has a folder of its own ({levels}); ask for "
+             f"{folder}/{self.accuracy}/{rest}")
+
+    def depends(self, stage: str):
+        """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
+        digest = functools.cache(lambda name, level: stage_digest(stage, self.scene(name, level)))
+
+        def parameter(wildcards) -> str:
+            name, level, segment = wildcards.scene, wildcards.level, getattr(wildcards, "segment", None)
+            frames = self.scene(name, level).frames_of_segment(int(segment)) if segment else ""
+            return f"{digest(name, level)} {frames}".strip()
+        return parameter
+
+    @staticmethod
+    def expected_errors() -> str:
+        """Return a parameter that changes with the errors that estimates tell."""
+        from pipeline.forecast.expected_error import errors_file
+
+        return hashlib.sha256(errors_file().read_bytes()).hexdigest()[:16]
+
+    def prepare_outputs(self) -> None:
+        """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
+
+        A rule cannot do the latter: Snakemake does not look for changed parameters downstream of a job that it runs.
+        The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
+        """
+        self._begin = time.time()
+        probe(OUTPUTS)
+        self._lock = os.open(OUTPUTS, os.O_RDONLY)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
+        for folder in {OUTPUTS / name for name, _ in self._scenes}:
+            if folder.is_dir():
+                remove_left_over(folder)
+        for (name, level), scene in self._scenes.items():
+            folder = OUTPUTS / name / level
+            if folder.is_dir():
+                probe(folder)
+            if (folder / "scene.json").is_file():
+                write_text(folder / "scene.json", scene.to_json())
+
+    def repeat_errors(self) -> None:
+        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
+        for log in sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log")):
+            if log.stat().st_mtime >= self._begin:
+                for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+                    if line.startswith("error: "):
+                        print(line, file=sys.stderr)

@@ -1,0 +1,85 @@
+"""What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
+from pipeline.base.errors import UserError
+from pipeline.study_kit.plan import Study, cached_study, study_names
+from pipeline.workflow.digest import stage_digest
+from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
+from sim.cores import USEFUL_THREADS, available_cores
+
+
+class Studies:
+    """The studies of one call of Snakemake; a study with errors matters to those only who ask for it.
+
+    Parameters
+    ----------
+    flow : the scenes, some of which the cases of a study may read.
+    """
+
+    def __init__(self, flow: Workflow):
+        self._flow = flow
+        self.names = study_names()
+
+    def study(self, name: str, level: str) -> Study:
+        """Return a study by name; one with errors ends Snakemake with one sentence for each."""
+        try:
+            return cached_study(name, level)
+        except UserError as error:
+            stop(*error.messages)
+
+    def case_folders(self, name: str, level: str) -> list[str]:
+        """Return the folders that the cases of a study write, in the order of its file."""
+        return [f"{OUTPUTS}/studies/{name}/{level}/cases/{case}" for case in self.study(name, level).cases]
+
+    def pictures(self, name: str) -> list[str]:
+        """Return the names of the PNG files of a study; none while its file has errors."""
+        try:
+            return cached_study(name, self._flow.accuracy).pictures()
+        except UserError:
+            return []
+
+    def tables(self, name: str) -> list[str]:
+        """Return the names of the CSV files of a study beside its table; none while its file has errors."""
+        try:
+            return cached_study(name, self._flow.accuracy).tables()
+        except UserError:
+            return []
+
+    def inputs(self, name: str, level: str, case: str) -> list[str]:
+        """Return the files that a case reads: of its scenes initial state, metrics, and what its family asks for.
+
+        They are those of the study's own accuracy level.
+        """
+        files, asked = [], self._case(name, level, case)
+        for scene, folder in asked.folders().items():
+            files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
+            files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
+            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
+                      for segment in self._flow.segments(scene, asked.accuracy)]
+        return files
+
+    def threads(self, name: str, level: str, case: str, cores: int) -> int:
+        """Return how many threads a case gets where Snakemake has a number of cores.
+
+        The cases of a study share the cores: many run side by side, a few get several each. What only reads the results
+        of scenes needs one.
+        """
+        asked, cases = self._case(name, level, case), self.study(name, level).cases.values()
+        if asked.folders():
+            return 1
+        cores = min(cores, available_cores())
+        share = min(cores // sum(not one.folders() for one in cases), USEFUL_THREADS)
+        return min(max(getattr(asked.family, "THREADS", 1), share), cores)
+
+    def depends(self, name: str, level: str, case: str) -> str:
+        """Return a parameter that changes when the outcome of a case may change."""
+        return self._case(name, level, case).digest()
+
+    def report_depends(self, name: str, level: str) -> str:
+        """Return a parameter that changes when table or figures of a study may change."""
+        study = self.study(name, level)
+        return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
+
+    def _case(self, name: str, level: str, case: str):
+        try:
+            return self.study(name, level).case(case)
+        except UserError as error:
+            stop(*error.messages)

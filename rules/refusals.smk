@@ -1,0 +1,11 @@
+"""Files that were asked for without their accuracy level."""
+
+
+rule without_level:
+    input:
+        lambda w: flow.refuse(w.scene, w.rest),
+    output:
+        "outputs/{scene}/{rest}",
+    wildcard_constraints:
+        scene=r"(?!studies/)[A-Za-z0-9_-]+|studies/[A-Za-z0-9_]+",
+        rest=rf"(?!({flow.any_level})/|compare_({flow.any_level})_({flow.any_level})\.(html|png|csv)$).+",

@@ -1,0 +1,55 @@
+"""The solver, segment by segment, and what it leaves behind."""
+
+
+rule simulate:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/{level}/initial.npz",
+        restart=lambda w: flow.start(w.scene, w.level, w.segment),
+    output:
+        frames=directory(FRAMES),
+        checkpoint="outputs/{scene}/{level}/checkpoints/segment_{segment}.npz",
+        costs="outputs/{scene}/{level}/costs/segment_{segment}.json",
+    params:
+        depends=flow.depends("simulate"),
+        restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
+        segment=lambda w: int(w.segment),
+    log: "outputs/{scene}/{level}/logs/simulate_{segment}.log",
+    message: "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}",
+    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
+    priority: 10  # everything waits for the simulation
+    shell:
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
+        " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
+        " {flow.device} 2>&1 | tee {log}"
+
+
+rule effect_costs:
+    input:
+        scene=SCENE,
+        costs=all_segments("outputs/{scene}/{level}/costs/segment_{segment}.json"),
+    output:
+        page=report("outputs/{scene}/{level}/effects.html", **SHELF, caption="../docs/report/effects.rst",
+                    labels={"what": "8 effects: memory, kernels, time"}),
+        table=report("outputs/{scene}/{level}/effects.csv", **SHELF, caption="../docs/report/effects.rst",
+                     labels={"what": "8 effects (CSV)"}),
+    params:
+        depends=flow.depends("effect_costs"),
+    log: "outputs/{scene}/{level}/logs/effect_costs.log",
+    message: "{wildcards.scene} at {wildcards.level}: add up what the effects cost"
+    shell:
+        "python -m pipeline.effect_costs {input.scene} {input.costs} --page {output.page} --table {output.table}"
+        " 2>&1 | tee {log}"
+
+
+rule index_frames:
+    input:
+        all_segments(FRAMES),
+    output:
+        "outputs/{scene}/{level}/frames/frames.pvd",
+    params:
+        depends=stage_digest("frames"),
+    log: "outputs/{scene}/{level}/logs/index_frames.log",
+    message: "{wildcards.scene} at {wildcards.level}: index the frames for ParaView",
+    shell: "python -m pipeline.frames pvd {input} --output {output} 2>&1 | tee {log}"

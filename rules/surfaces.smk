@@ -1,0 +1,35 @@
+"""Surfaces of the liquids, and the bodies that they enclose."""
+
+
+rule reconstruct:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/{level}/initial.npz",
+        frames=FRAMES,
+    output:
+        directory("outputs/{scene}/{level}/surfaces/segment_{segment}"),
+    params:
+        depends=flow.depends("reconstruct"),
+    log: "outputs/{scene}/{level}/logs/reconstruct_{segment}.log",
+    message: "{wildcards.scene} at {wildcards.level}: reconstruct the surfaces of segment {wildcards.segment}",
+    shell:
+        "STAGE_USAGE={log}.json "
+        "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
+        " --threads {threads} {flow.device} 2>&1 | tee {log}"
+
+
+rule bodies:
+    input:
+        scene=SCENE,
+        surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
+    output:
+        table="outputs/{scene}/{level}/bodies.csv",
+        plot=report("outputs/{scene}/{level}/bodies.png", **SHELF, caption="../docs/report/bodies.rst",
+                    labels={"what": "4 plot: bodies of the liquids"}),
+    params:
+        depends=flow.depends("bodies"),
+    log: "outputs/{scene}/{level}/logs/bodies.log",
+    message: "{wildcards.scene} at {wildcards.level}: count and measure the bodies of the liquids",
+    shell:
+        "python -m pipeline.bodies {input.scene} {input.surfaces} --output {output.table} --plot {output.plot}"
+        " 2>&1 | tee {log}"

@@ -1,0 +1,1 @@
+"""Parts that effects are made of; none is an effect by itself."""

@@ -1,0 +1,255 @@
+"""Interface tension: pressure jump of drops, currents that die away, and the contact angle at the wall."""
+import cavities
+import numpy as np
+import pytest
+
+from sim.effects import REGISTRY
+from sim.effects.parts.level_set import SPLAT_RADIUS
+from sim.settings import Liquid, Numerics, Settings
+
+pytestmark = pytest.mark.usefixtures("taichi")
+SPACING = cavities.SPACING
+TENSION = 0.04
+# Equal liquids of a hundred times the viscosity of water: what moves does so by tension alone and comes to rest.
+LIQUIDS = (Liquid("aqueous", 1000.0, 0.1), Liquid("oil", 1000.0, 0.1))
+CIRCLE_DROP, SPHERE_DROP = 6.0 * SPACING, 4.5 * SPACING
+BOX = (16.0 * SPACING, 10.0 * SPACING)
+
+
+def with_tension(arrays, contact_angle, phase):
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=contact_angle),
+               cavities.parameters("viscosity_implicit"))
+    return cavities.build(arrays, effects=effects, liquids=LIQUIDS, phase=phase, pressure_tolerance=1e-4)
+
+
+def pressure_jump(solver) -> float:
+    """Return the mean pressure inside the drop less that outside, well away from the interface."""
+    state = solver.snapshot()
+    inside = state["phase"] == 1
+    volume = state["volume"][inside].sum()
+    radius = (volume / (np.pi if solver.dimension == 2 else 4.0 / 3.0 * np.pi)) ** (1.0 / solver.dimension)
+    distance = np.linalg.norm(state["position"] - state["position"][inside].mean(axis=0), axis=1)
+    outside = distance > min(1.4 * radius, radius + 2.0 * SPACING)
+    return state["pressure"][distance < 0.6 * radius].mean() - state["pressure"][outside].mean(), radius
+
+
+@pytest.fixture(scope="module", params=[(2, 11.0, CIRCLE_DROP, 0.15),
+                                        pytest.param((3, 8.0, SPHERE_DROP, 0.05), marks=pytest.mark.slow)],
+                ids=["2D", "3D"])
+def drop(request):
+    dimension, cavity, radius, until = request.param
+    solver = with_tension(cavities.cavity("circle", cavity * SPACING, dimension), 90.0,
+                          lambda x: np.linalg.norm(x, axis=1) < radius)
+    start = solver.state()
+    return solver, start, np.array(cavities.run(solver, until, cavities.root_mean_square_speed))
+
+
+def test_pressure_jump_of_a_drop(drop):
+    solver, _, _ = drop
+    jump, radius = pressure_jump(solver)
+    # Laplace (validation T3). The recipe measured 0.6 % at eight spacings per radius in 2D and 2.8 % at 6.6 in 3D; here
+    # there are six and four and a half, and what is left of the rough start adds half a percent.
+    expected = TENSION * (solver.dimension - 1) / radius
+    assert jump == pytest.approx(expected, rel={2: 0.03, 3: 0.05}[solver.dimension])
+
+
+def test_currents_around_a_drop_die_away(drop):
+    solver, _, speed = drop
+    capillary_number = LIQUIDS[0].dynamic_viscosity * speed / TENSION
+    # Ironing out the rough labels starts at some 5e-3; forms that do not balance stay there (validation T4).
+    # Measured at the end: 8e-4 in 2D and 1.2e-3 in 3D, after a third of the time, both falling.
+    assert capillary_number[-1] < {2: 1.2e-3, 3: 2e-3}[solver.dimension]
+    assert capillary_number[-1] < 0.45 * capillary_number.max()
+    assert speed[-5:].mean() < 0.95 * speed[-15:-10].mean()
+
+
+def test_drop_stays_round_and_where_it_is(drop):
+    solver, _, _ = drop
+    position, phase = cavities.read(solver, "position", "phase")
+    inside = position[phase == 1]
+    assert np.abs(inside.mean(axis=0)).max() < 0.1 * SPACING
+    spread = np.linalg.eigvalsh(np.cov(inside.T))
+    assert spread[-1] / spread[0] < 1.05
+
+
+def meniscus(solver, half_width):
+    """Return how far the first liquid has risen at the side walls above the middle, in spacings."""
+    position, phase = cavities.read(solver, "position", "phase")
+    lower = position[phase == 0]
+    edge, middle = np.abs(lower[:, 0]) > half_width - 2.0 * SPACING, np.abs(lower[:, 0]) < 3.0 * SPACING
+    return (lower[edge, 1].max() - lower[middle, 1].max()) / SPACING
+
+
+def test_flat_interface_at_ninety_degrees_stays_flat():
+    """In a circle, whose wall a diameter meets at a right angle."""
+    solver = with_tension(cavities.cavity("circle", 11.0 * SPACING), 90.0, lambda x: x[:, 1] > 0.0)
+    cavities.run(solver, 0.1)
+    assert abs(meniscus(solver, 11.0 * SPACING)) < 0.35
+
+
+def test_liquid_of_sixty_degrees_climbs_the_wall():
+    """Young: the interface ends as an arc of radius W/(2 cos 60), whose rise is W/2 (1 - sin 60)/cos 60."""
+    solver = with_tension(cavities.cavity("box", BOX), 60.0, lambda x: x[:, 1] > 0.0)
+    cavities.run(solver, 0.1)
+    final = 0.5 * BOX[0] / SPACING * (1.0 - np.sin(np.pi / 3.0)) / np.cos(np.pi / 3.0)
+    assert 0.35 * final < meniscus(solver, 0.5 * BOX[0]) < 1.1 * final
+
+
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_force_of_the_jump_is_its_gradient_and_no_thin_shell(dimension):
+    """grad M by central differences; and M of a heavy drop, whose weight tilts it, changes over the whole drop.
+
+    Were it flat from four spacings off the interface on, the center would not feel the tilt at all, and the shell the
+    more; across the drop M then changes by the weight, that is by one over its diameter times |b|.
+    """
+    radius = 8.0 * SPACING
+    solver = cavities.build(
+        cavities.cavity("circle", 12.0 * SPACING, dimension), liquids=(LIQUIDS[0], Liquid("heavy", 1200.0, 0.1)),
+        phase=lambda x: np.linalg.norm(x, axis=1) < radius,
+        effects=(cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("gravity")))
+    solver.prepare_output()
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    position, jump_force, weight = cavities.read(solver, "position", "jump_force", "jump_weight")
+    gradient, step = np.empty_like(position), 1e-6 * SPACING
+    for axis in range(dimension):
+        ends = []
+        for sign in (1.0, -1.0):
+            solver.particles.from_numpy("position", position + sign * step * np.eye(dimension)[axis])
+            tension._extend()
+            ends.append(cavities.read(solver, "jump")[0])
+        gradient[:, axis] = (ends[0] - ends[1]) / (2.0 * step)
+    body = tension.body_force.to_numpy()
+    inside = weight > 0.5
+    scale = np.linalg.norm(body)
+    np.testing.assert_allclose(gradient[inside], (jump_force - body)[inside], rtol=0.0, atol=1e-4 * scale)
+    core = np.linalg.norm(position, axis=1) < 2.0 * SPACING
+    assert 0.3 < -(gradient[core] @ body).mean() / scale**2 < 2.0
+
+
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_tension_leaves_a_small_drop_its_buoyancy(dimension):
+    """The sum of the tension over a drop is zero: an interface drawn in, or M flattened, would take from its buoyancy.
+
+    From a drop of four spacings it took 8.9 % in 2D and 11.9 % in 3D; now 0.6 % and 0.4 %. The tension is weak against
+    the buoyancy (Bond 10), so that the noise of the curvature does not count.
+    """
+    radius, difference = 4.0 * SPACING, 35.0
+    weak = difference * 9.81 * radius**2 / 10.0
+    solver = cavities.build(
+        cavities.cavity("circle", 8.0 * SPACING, dimension), phase=lambda x: np.linalg.norm(x, axis=1) < radius,
+        liquids=(LIQUIDS[0], Liquid("light", 1000.0 - difference, 0.1)),
+        effects=(cavities.parameters("interface_tension", coefficient=weak), cavities.parameters("gravity")))
+    solver.prepare_output()
+    force, weight, volume, phase = cavities.read(solver, "jump_force", "jump_weight", "volume", "phase")
+    buoyancy = difference * 9.81 * volume[phase == 1].sum()
+    assert np.linalg.norm(((volume * weight)[:, None] * force).sum(axis=0)) < 0.01 * buoyancy
+
+
+def test_a_drop_of_one_particle_rises(circle):
+    """Smaller than the level set can see: it has its buoyancy, 0.34 m/s2, as without tension (2.4 mm in 0.3 s)."""
+    effects = (cavities.parameters("gravity"), cavities.parameters("interface_tension", coefficient=0.04))
+    solver = cavities.build(circle, effects=effects, liquids=[Liquid("a", 1005.0, 0.0), Liquid("b", 970.0, 0.0)],
+                            phase=lambda x: np.arange(len(x)) == np.argmin((x**2).sum(axis=1)))
+
+    def height() -> float:
+        return float(solver.particles.to_numpy("position")[solver.particles.to_numpy("phase") == 1][0, 1])
+    start = height()
+    cavities.run(solver, 0.3)
+    assert 1e-3 < height() - start < 5e-3
+
+
+def test_nodes_behind_the_wall_do_not_depend_on_their_order():
+    """Their images lie between each other; with a thread each, what one reads must not depend on who was first."""
+    solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, 3), 30.0, lambda x: x[:, 1] > 0.0)
+    solver.step()
+    level_set = next(effect for effect in solver.effects if effect.name == "interface_tension").level_set
+    start = np.random.default_rng(0).normal(size=level_set.phi.shape[0])
+
+    def values() -> np.ndarray:
+        level_set.phi.from_numpy(start)
+        level_set.phi_next.from_numpy(start)
+        level_set._smooth(level_set.phi, level_set.phi_next)
+        return level_set.phi_next.to_numpy()
+
+    forward = values()
+    active = level_set.active_ghost.to_numpy()
+    count = level_set.shallow_count[None]
+    active[:count] = active[:count][::-1].copy()
+    level_set.active_ghost.from_numpy(active)
+    assert count > 50 and np.count_nonzero(forward != start) > count
+    assert np.array_equal(values(), forward)
+
+
+def test_sums_at_the_nodes_are_those_of_all_particles_in_reach():
+    """Whatever slab of nodes they lie in: the weights of a lattice of nodes against a sum over all particles."""
+    solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, 3), 30.0, lambda x: x[:, 1] > 0.0)
+    solver.step()
+    level_set = next(effect for effect in solver.effects if effect.name == "interface_tension").level_set
+    level_set._mark()
+    level_set._splat()
+    grid = solver.distance
+    node = np.stack(np.unravel_index(np.arange(grid.size), grid.shape), axis=-1)
+    place = grid.origin_numpy + node * grid.cell
+    (position,) = cavities.read(solver, "position")
+    mixed = level_set.mixed.to_numpy()[: len(position)] == 1
+    wall = level_set.wall_color.to_numpy()[: solver.walls.count] >= 0.0
+    expected = np.zeros(grid.size)
+    for x in np.concatenate([position[mixed], solver.walls.position.to_numpy()[wall]]):
+        q = np.linalg.norm(place - x, axis=1) / (SPLAT_RADIUS * SPACING)
+        expected += np.where(q < 1.0, (1.0 - np.minimum(q, 1.0)) ** 4 * (4.0 * q + 1.0), 0.0)
+    assert mixed.sum() > 100 and wall.sum() > 10
+    np.testing.assert_allclose(level_set.weight.to_numpy(), expected, rtol=0.0, atol=1e-9)
+
+
+def limit(viscosities=(1e-3, 0.97), effect="viscosity_implicit", spacing=0.4e-3) -> tuple[float, float]:
+    """Return the step that tension allows between liquids of these viscosities, and that without viscosity, s."""
+    tension = cavities.parameters("interface_tension", coefficient=TENSION)
+    settings = Settings(
+        3, tuple(Liquid(str(mu), 1000.0, mu) for mu in viscosities), Numerics(particle_spacing=spacing),
+        (tension, *([cavities.parameters(effect)] if effect else [])))
+    found = REGISTRY["interface_tension"].time_step_limit(tension, settings)
+    return found, np.sqrt(2000.0 * spacing**3 / (4.0 * np.pi * TENSION))
+
+
+def test_implicit_viscosity_allows_larger_steps_of_the_tension():
+    """Where it damps the shortest wave, and nowhere else; never beyond the limit of stability of that wave."""
+    for effect in (None, "viscosity"):
+        found, capillary = limit(effect=effect)
+        assert found == pytest.approx(capillary)
+    found, capillary = limit((1e-3, 1e-3))  # waves between water-like liquids are hardly damped
+    assert capillary < found < 1.02 * capillary
+    found, capillary = limit()
+    assert 2.0 * capillary < found
+    # Damping implicit, force explicit: (omega dt)^2 <= 4 + 4 mu k^2 dt / rho.
+    wave_number, density, viscosity = np.pi / 0.4e-3, 2000.0, 0.971
+    squared = TENSION * wave_number**3 / density
+    assert squared * found**2 < 4.0 + 4.0 * viscosity * wave_number**2 / density * found
+
+
+def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosity():
+    """As in small steps all the way, and it keeps the pressure jump of Laplace: rough labels of the start smooth out.
+
+    In steps of 3.6, 2 and 0.5 ms the speeds are 3.9e-4, 4.2e-4 and 4.4e-4 m/s after 0.1 s, 1.48e-4, 1.41e-4 and 1.42e-4
+    m/s at the end. With a pressure that does not count with viscosity they are 3.6e-4 and 1.72e-4 in the largest. (With
+    a second viscous solve in every step, at twice the cost, they were 4.1e-4 and 1.43e-4.)
+    """
+    liquids = (Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 1000.0, 1.0))
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION), cavities.parameters("viscosity_implicit"))
+
+    def run(step: float):
+        solver = cavities.build(
+            cavities.cavity("circle", 11.0 * SPACING), effects=effects, liquids=liquids, pressure_tolerance=5e-5,
+            phase=lambda x: np.linalg.norm(x, axis=1) < CIRCLE_DROP, maximum_time_step=step)
+        watched = cavities.run(solver, 0.8, lambda solver: (solver.time, cavities.root_mean_square_speed(solver)))
+        return solver, *np.transpose(watched)
+
+    solver, time, speed = run(8e-3)
+    assert solver.step_count < 0.8 / (1.7 * limit(spacing=SPACING)[1])
+    jump, radius = pressure_jump(solver)
+    assert jump == pytest.approx(TENSION / radius, rel=0.03)
+    _, fine_time, fine_speed = run(2e-3)
+    for at, error in ((0.05, 0.1), (0.1, 0.1), (0.2, 0.05), (0.4, 0.05), (0.8, 0.055)):
+        assert np.interp(at, time, speed) == pytest.approx(np.interp(at, fine_time, fine_speed), rel=error)
+    assert speed[-1] == pytest.approx(1.42e-4, rel=0.06)
+    falling = speed[speed.argmax():]
+    assert falling[-1] < 0.4 * falling[0] and (np.diff(speed[-30:]) < 0.0).all()

@@ -1,0 +1,163 @@
+"""What accuracy costs: the Pareto front of known points, changes in words, and the files of the study."""
+import csv
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from pipeline.base.errors import UserError
+from pipeline.studies.hydrostatics import Parameters
+from pipeline.study_kit.model import Curve, Outcome, Row
+from pipeline.study_kit.plan import load_study
+from pipeline.study_kit.tank import COMPUTING_TIME, WALL_TIME, Stopwatch, changed
+from pipeline.study_kit.tradeoff import (
+    Point,
+    change_of,
+    levels_of,
+    on_front,
+    order_of,
+    points_of,
+    unasked,
+    write_tradeoff,
+)
+from sim.settings import Liquid, Numerics, Settings
+from sim.time_step import known_limits
+
+
+@pytest.fixture
+def study(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    return load_study("accuracy", "draft")
+
+
+def invented(case) -> Outcome:
+    """Runs whose error falls with the square of the spacing and whose time grows with its cube."""
+    outcome, family = Outcome(case=case.name), case.family
+    for n in case.parameters.resolutions:
+        at, exact = {"at": f"n={n}"}, 2.0
+        outcome.rows += [Row(family.HEADLINE, exact * (1.0 + n**-2.0), "Pa", reference=exact, error=n**-2.0, **at),
+                         Row("particles", float(n * n), **at), Row(WALL_TIME, 1e-3 * n**3, "s", **at),
+                         Row(COMPUTING_TIME, 2e-3 * n**3, "s", **at)]
+        time = np.linspace(0.0, 1.0, 11)
+        outcome.curves.append(Curve("eye_rest_height", f"n={n}", time, time * (1.0 + n**-2.0), "line"))
+    return outcome
+
+
+def test_front_has_the_points_that_none_betters():
+    times, errors = [1, 2, 3, 3, 4, 5], [9, 5, 6, 5, 2, math.nan]
+    assert on_front(times, errors) == [True, True, False, False, True, False]
+    assert on_front([1, 1], [1, 1]) == [True, True]  # equal ones do not better each other
+
+
+def test_changes_are_told_in_words(study):
+    cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
+    changes = [change_of(case, cases[0]) for case in cases]
+    assert changes[0] == "particle spacing"
+    assert {"tolerances x 0.1", "time step x 0.5", "dfsph", "h/dx 2.5", "f32"} <= set(changes)
+    assert len(set(changes)) == len(changes)
+
+
+def test_every_change_has_a_base_of_its_resolution(study):
+    for name in study.family_names():
+        base, *changes = [case for case in study.cases.values() if case.family.__name__.endswith(f".{name}")]
+        for case in changes:
+            assert set(case.parameters.resolutions) <= set(base.parameters.resolutions), case.name
+
+
+def test_order_front_and_levels_of_known_runs(study):
+    cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
+    points = points_of(cases, [invented(case) for case in cases])
+    assert order_of(points) == pytest.approx(2.0)
+    assert all(point.unit == "1" for point in points)  # the error is relative, the quantity is in Pa
+    found = levels_of(points, 1.0, {"draft": 0.001, "fine": 0.0001})
+    assert found["draft"] == pytest.approx((22.0, 2e-3 * 22**3, 22**-2.0))
+    assert found["fine"][2] == pytest.approx(220**-2.0) and math.isnan(found["fine"][1])  # beyond what was run
+
+
+def test_study_writes_its_figures_tables_and_remarks(study, tmp_path):
+    found = write_tradeoff(study, [invented(case) for case in study.cases.values()], tmp_path)
+    assert sorted(path.stem for path in tmp_path.glob("*.png")) == sorted(study.pictures())
+    assert sorted(path.stem for path in tmp_path.glob("*.csv")) == sorted(study.tables())
+    with (tmp_path / "orders.csv").open(newline="") as file:
+        orders = {row["case"]: row for row in csv.DictReader(file)}
+    assert set(orders) == set(study.family_names())
+    assert all(float(row["order"]) == pytest.approx(2.0, abs=0.01) for row in orders.values())
+    # The run that others are compared with has an error of its own, which is counted.
+    finest = orders["eye_rest"]
+    assert float(finest["error"]) == pytest.approx(float(finest["resolution"]) ** -2.0, rel=0.02)
+    assert all(outcome.remarks and "order" in outcome.remarks[0] for outcome in found)
+
+
+def test_runs_that_do_not_converge_yet_have_no_order():
+    """Differences from the finest run that fall faster than those of any law with a positive order."""
+    runs = zip((11, 14, 18, 22), (0.53, 0.37, 0.15, math.nan), strict=True)
+    points = [Point("particle spacing", n, n**3.0, error, "1", 1.0, 1.0) for n, error in runs]
+    assert math.isnan(order_of(points))
+
+
+def test_error_to_expect_is_the_measured_one_and_its_order_no_more_than_the_last_refinement_gave(study, tmp_path):
+    outcomes = []
+    for case in study.cases.values():
+        outcome = invented(case)
+        errors = iter((0.4, 0.011, 0.01))
+        if case.family.__name__.endswith("laplace") and len(case.parameters.resolutions) == 3:
+            headline = case.family.HEADLINE
+            outcome.rows = [dataclasses.replace(row, error=next(errors)) if row.quantity == headline else row
+                            for row in outcome.rows]
+        outcomes.append(outcome)
+    write_tradeoff(study, outcomes, tmp_path)
+    with (tmp_path / "orders.csv").open(newline="") as file:
+        row = next(row for row in csv.DictReader(file) if row["case"] == "laplace")
+    assert float(row["error"]) == 0.01
+    assert float(row["order"]) == pytest.approx(math.log(1.1) / math.log(12 / 8))
+
+
+def test_failed_run_has_no_error_and_is_not_on_the_front(study):
+    cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
+    outcomes = [invented(case) for case in cases]
+    outcomes[1].rows = [dataclasses.replace(row, error=math.nan) if row.error else row for row in outcomes[1].rows]
+    point = next(one for one in points_of(cases, outcomes) if one.change == "tolerances x 0.1")
+    assert math.isnan(point.error) and not point.front
+
+
+def test_inexact_runs_break_no_promise_but_failed_ones_do():
+    rows = [Row("pressure jump", 1.0, error=0.5, tolerance=0.1), Row("time reached", 1.0, error=0.5, tolerance=0.0)]
+    assert [row.holds for row in unasked(Outcome(rows)).rows] == [None, False]
+
+
+# What the study changes
+
+def test_factors_change_tolerances_and_time_step_and_nothing_else():
+    settings = Settings(2, (Liquid("a", 1000.0, 1.0),), Numerics(particle_spacing=1e-3, maximum_time_step=1e-2), ())
+    assert changed(Parameters(), settings) == settings
+    tight = changed(Parameters(tolerance_factor=0.1), settings).numerics
+    assert tight == dataclasses.replace(settings.numerics, pressure_tolerance=1e-5, viscosity_tolerance=1e-5)
+    half = changed(Parameters(time_step_factor=0.5), settings)
+    assert half.numerics.maximum_time_step == 0.5 * min(known_limits(settings).values())
+    waves = dataclasses.replace(settings, numerics=dataclasses.replace(settings.numerics, scheme="wcsph"))
+    assert changed(Parameters(scheme="wcsph", time_step_factor=0.5), waves).scheme.acoustic_courant_number == 0.15
+
+
+def test_stopwatch_leaves_compilation_and_what_is_done_between_steps_out(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("pipeline.study_kit.tank.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("pipeline.study_kit.tank.time.process_time", lambda: 2.0 * clock[0])
+
+    def steps():
+        for k in range(10):
+            clock[0] += 5.0 if k < 3 else 0.5
+            yield k
+    watch = Stopwatch()
+    for _ in watch.timed(steps()):
+        clock[0] += 100.0
+    assert watch.seconds() == pytest.approx((5.0, 10.0))
+
+
+def test_unknown_kind_of_report_is_refused(project, monkeypatch):
+    monkeypatch.chdir(project.folder)
+    path = project.folder / "config" / "studies" / "small.yaml"
+    path.write_text("title: Small\nreport: colorful\ncases: {diffusion: {resolutions: [8]}}\n")
+    with pytest.raises(UserError, match=r'report is "colorful", but must be one of curves, tradeoff'):
+        load_study("small", "draft")

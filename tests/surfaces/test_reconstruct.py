@@ -1,0 +1,238 @@
+"""Surfaces: closed, at the wall without a gap, one interface for both liquids, and the volume of the particles."""
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import pyvista
+import trimesh
+from scipy.spatial import cKDTree
+from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
+
+from pipeline import reconstruct
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.cavity.initial_state import NAMES
+from pipeline.scenes.load import load_scene
+from pipeline.surfaces.contour import contour
+from pipeline.surfaces.fraction_field import taubin_filter
+from pipeline.surfaces.liquid_surface import Reconstructor
+
+pytestmark = pytest.mark.usefixtures("taichi")
+POSITION = lattice()
+CASES = {
+    "flat": {"height": 2e-3},
+    "tilted": {"height": -6e-3, "tilt": 0.4},
+    "layered": {"height": 1e-3, "layer": 5e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def reconstructors():
+    """Return one reconstructor per contour algorithm."""
+    return {method: Reconstructor(ball(), 2, method=method) for method in ("flying_edges", "marching_cubes")}
+
+
+@pytest.fixture(scope="module")
+def reconstructor(reconstructors):
+    return reconstructors["flying_edges"]
+
+
+def assert_closed(mesh):
+    """Compare with trimesh, which knows nothing of our own check."""
+    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert mesh.is_closed()
+    assert solid.volume == pytest.approx(mesh.volume, rel=1e-9) and mesh.volume > 0
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("method", ["flying_edges", "marching_cubes"])
+def test_surfaces_are_closed_and_hold_the_volume(reconstructors, method, case):
+    frame = frame_of(POSITION, oil_fraction(POSITION, **CASES[case]))
+    for surface in reconstructors[method].surfaces(frame):
+        assert_closed(surface.mesh)
+        assert surface.statistics["watertight"] and surface.statistics["components"] == 1
+        assert abs(surface.statistics["volume_error"]) < 0.01
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_both_contours_agree(reconstructors, case):
+    frame = frame_of(POSITION, oil_fraction(POSITION, **CASES[case]))
+    one, other = (reconstructors[method].surfaces(frame) for method in ("flying_edges", "marching_cubes"))
+    for a, b in zip(one, other, strict=True):
+        assert a.mesh.volume == pytest.approx(b.mesh.volume, rel=1e-3)
+        distance, _ = cKDTree(a.mesh.vertices).query(b.mesh.vertices)
+        assert np.quantile(distance, 0.99) < 0.1 * SPACING
+
+
+def test_liquids_share_the_interface_and_touch_the_wall(reconstructor):
+    frame = frame_of(POSITION, oil_fraction(POSITION, tilt=0.3))
+    water, oil = (surface.mesh for surface in reconstructor.surfaces(frame))
+    for mesh, other in ((water, oil), (oil, water)):
+        radius = np.linalg.norm(mesh.vertices, axis=1)
+        assert radius.max() < RADIUS + 0.02 * SPACING                      # nothing outside the eye
+        inner = mesh.vertices[radius < RADIUS - SPACING]
+        assert len(inner) > 100
+        distance, _ = cKDTree(other.vertices).query(inner)
+        assert distance.max() < 2e-3 * SPACING
+    # Every direction well above the interface meets oil at the wall.
+    wall = POSITION / np.linalg.norm(POSITION, axis=1, keepdims=True) * RADIUS
+    above = wall @ np.array([0.0, np.cos(0.3), np.sin(0.3)]) > 2e-3 + 2.0 * SPACING
+    distance, nearest = cKDTree(oil.vertices).query(wall[above])
+    assert distance.max() < SPACING
+    assert np.abs(np.linalg.norm(oil.vertices[nearest], axis=1) - RADIUS).max() < 0.03 * SPACING
+    assert water.volume + oil.volume == pytest.approx(reconstructor.cavity_volume, rel=3e-3)
+    assert reconstructor.cavity_volume == pytest.approx(4.0 / 3.0 * np.pi * RADIUS**3, rel=1e-3)
+
+
+def test_interface_is_where_the_particles_are(reconstructor):
+    oil = reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION, height=0.0)))[1].mesh
+    center = oil.vertices[np.linalg.norm(oil.vertices, axis=1) < 0.5 * RADIUS]
+    assert abs(center[:, 1].mean()) < 0.25 * SPACING and center[:, 1].std() < 0.1 * SPACING
+
+
+def test_liquid_without_particles_gives_an_empty_mesh(reconstructor):
+    water, oil = reconstructor.surfaces(frame_of(POSITION, np.zeros(len(POSITION))))
+    assert_closed(water.mesh)
+    assert oil.mesh.volume == 0.0 and len(oil.mesh.triangles) == 0 and oil.statistics["watertight"]
+    assert oil.statistics["volume_error"] == 0.0
+
+
+def test_single_particles_become_droplets_of_their_volume(reconstructor):
+    fraction = oil_fraction(POSITION, height=5e-3)
+    below = np.flatnonzero((POSITION[:, 1] < 0) & (np.linalg.norm(POSITION, axis=1) < 0.7 * RADIUS))
+    chosen = below[::80]
+    fraction[chosen] = 1.0
+    frame = frame_of(POSITION, fraction)
+    oil = reconstructor.surfaces(frame)[1]
+    assert_closed(oil.mesh)
+    assert oil.statistics["droplets"] == len(chosen) and oil.statistics["components"] == len(chosen) + 1
+    drops = oil.mesh.component_volumes()[1:]
+    np.testing.assert_allclose(drops, frame.volume[0], rtol=0.05)
+
+
+def test_volume_follows_particles_of_different_size(reconstructor):
+    """Half of the oil's particles, each twice as large, are the same oil."""
+    fraction = oil_fraction(POSITION, height=0.0)
+    volume = frame_of(POSITION, fraction).volume
+    oil = np.flatnonzero(fraction)
+    keep = np.ones(len(POSITION), bool)
+    keep[oil[::2]] = False
+    grown = volume.copy()
+    grown[oil] *= volume[oil].sum() / volume[oil[1::2]].sum()
+    frame = frame_of(POSITION[keep], fraction[keep], volume=grown[keep])
+    for surface in reconstructor.surfaces(frame):
+        assert abs(surface.statistics["volume_error"]) < 0.01
+        assert_closed(surface.mesh)
+
+
+def test_three_liquids_and_one():
+    height = POSITION[:, 1]
+    fraction = np.column_stack([height < -3e-3, (height >= -3e-3) & (height < 4e-3), height >= 4e-3]).astype(float)
+    frame = frame_of(POSITION, fraction, liquids=("heavy_oil", "aqueous", "silicone_oil_1000"))
+    for surface in Reconstructor(ball(), 3).surfaces(frame):
+        assert_closed(surface.mesh)
+        assert abs(surface.statistics["volume_error"]) < 0.02
+    alone, = Reconstructor(ball(), 1).surfaces(frame_of(POSITION, np.ones((len(POSITION), 1)), liquids=("aqueous",)))
+    assert_closed(alone.mesh)
+    assert abs(alone.statistics["volume_error"]) < 0.01
+
+
+def test_smoothing_flattens_without_shrinking():
+    frame = frame_of(POSITION, oil_fraction(POSITION, height=0.3e-3))
+    roughness = []
+    for iterations in (0, 40):
+        oil = Reconstructor(ball(), 2, smoothing_iterations=iterations).surfaces(frame)[1]
+        assert_closed(oil.mesh)
+        assert abs(oil.statistics["volume_error"]) < 0.01
+        center = oil.mesh.vertices[np.linalg.norm(oil.mesh.vertices, axis=1) < 0.6 * RADIUS]
+        roughness.append(center[:, 1].std())
+    assert roughness[1] < 0.8 * roughness[0]
+    assert taubin_filter(0).tolist() == [1.0] and taubin_filter(20).sum() == pytest.approx(1.0)
+
+
+def test_same_frame_gives_the_same_bits(reconstructor):
+    frame = frame_of(POSITION, oil_fraction(POSITION, tilt=0.2))
+    first, second = reconstructor.surfaces(frame), reconstructor.surfaces(frame)
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.mesh.vertices, b.mesh.vertices)
+        np.testing.assert_array_equal(a.mesh.triangles, b.mesh.triangles)
+
+
+def test_section_is_sharp_where_liquids_do_not_mix(reconstructor):
+    reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION)))
+    section = reconstructor.section()
+    inside = section.signed_distance < 0
+    oil = section.fraction[inside][:, 1]
+    assert (np.minimum(oil, 1.0 - oil) < 1e-6).all()
+    np.testing.assert_array_equal(oil > 0.5, section.dominance[inside][:, 1] > 0)
+
+
+@pytest.mark.parametrize("method", ["flying_edges", "marching_cubes"])
+def test_values_on_the_level_and_at_the_border_stay_closed(method):
+    field = np.ones((7, 8, 9))
+    field[2:5, 2:5, 2:5] = 0.0
+    mesh = contour(field, np.zeros(3), 1.0, method)
+    assert_closed(mesh)
+    assert len(mesh.component_volumes()) == 2
+
+
+def scene_files(folder, **output):
+    """Write a resolved scene, initial.npz and two frames; return the arguments of the stage."""
+    scene = load_scene("config/scenes/tiny.yaml", accuracy="draft")
+    scene = dataclasses.replace(scene, output=dataclasses.replace(scene.output, **output))
+    (folder / "scene.json").write_text(scene.to_json())
+    np.savez(folder / "initial.npz", **dict.fromkeys(NAMES, 0) | ball())
+    for index, fraction in enumerate((np.zeros(len(POSITION)), oil_fraction(POSITION))):
+        write_frame(frame_path(folder / "frames", index), frame_of(POSITION, fraction, time=0.1 * index))
+    return [str(folder / name) for name in ("scene.json", "initial.npz", "frames")]
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Keep the stage from starting Taichi again in single precision."""
+    monkeypatch.setattr("sim.runtime.initialize", lambda *_: None)
+
+
+def test_stage_writes_surfaces_sections_and_numbers(tmp_path, monkeypatch, started, request):
+    monkeypatch.chdir(request.config.rootpath)
+    arguments = scene_files(tmp_path)
+    out = tmp_path / "surfaces"
+    reconstruct.main([*arguments, "--output", str(out), "--format", "ply", "--format", "stl"])
+    numbers = json.loads((out / "frame_00001.json").read_text())["liquids"]["silicone_oil_1000"]
+    surface = pyvista.read(out / "frame_00001_silicone_oil_1000.vtp")
+    assert surface.volume == pytest.approx(numbers["volume"], rel=1e-4) and surface.is_manifold
+    assert surface.point_data["depth"].min() > -1e-2 * SPACING
+    for suffix in ("ply", "stl"):
+        assert trimesh.load(out / f"frame_00001_silicone_oil_1000.{suffix}").volume == pytest.approx(
+            numbers["volume"], rel=1e-3)
+        assert pyvista.read(out / f"frame_00000_silicone_oil_1000.{suffix}").n_cells == 0
+    empty = pyvista.read(out / "frame_00000_silicone_oil_1000.vtp")
+    assert empty.n_cells == 0 and empty.field_data["liquid"][0] == "silicone_oil_1000"
+    assert (out / "frame_00000_section.vti").is_file()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "initial.npz", "scene.json", "surfaces"]
+
+
+def test_stage_names_what_is_missing(tmp_path, monkeypatch, started, request):
+    monkeypatch.chdir(request.config.rootpath)
+    arguments = scene_files(tmp_path)
+    (tmp_path / "initial.npz").write_bytes(b"no archive")
+    with pytest.raises(UserError, match=r"initial.npz: is damaged"):
+        reconstruct.main([*arguments, "--output", str(tmp_path / "surfaces")])
+    (tmp_path / "initial.npz").unlink()
+    with pytest.raises(UserError, match="run the voxelize stage"):
+        reconstruct.main([*arguments, "--output", str(tmp_path / "surfaces")])
+
+
+def test_wrong_volume_stops_the_stage(reconstructor):
+    surface = reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION)))[1]
+    surface.statistics.update(volume_error=0.03)
+    with pytest.raises(UserError, match=r"surface of oil holds .* mL"):
+        reconstruct.check("frame", ("oil",), [surface], mixed=False)
+    reconstruct.check("frame", ("oil",), [surface], mixed=True)
+    surface.statistics.update(bulk_particles=10)
+    reconstruct.check("frame", ("oil",), [surface], mixed=False)
+    surface.statistics.update(watertight=False)
+    with pytest.raises(UserError, match="not closed"):
+        reconstruct.check("frame", ("oil",), [surface], mixed=True)

@@ -1,0 +1,316 @@
+"""Snakemake: every scene can be planned, one runs end to end, a killed run goes on, and wrong input is a sentence."""
+import os
+import shutil
+import signal
+import time
+
+import numpy as np
+import pytest
+from conftest import ROOT, Project
+from snakemake_output import TRACE, planned
+
+from pipeline.base import digest as code_digest
+from pipeline.base.digest import modules_used
+from pipeline.base.frame_files import find_frames, read_frame
+from pipeline.base.tables import read_table
+from pipeline.scenes.load import load_accuracy_levels, load_scene
+from pipeline.workflow import digest
+
+SCENES = sorted(path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml"))
+LEVELS = list(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
+# Plans
+
+@pytest.mark.parametrize("accuracy", LEVELS)
+def test_every_scene_can_be_planned(project, accuracy):
+    code, output = project.snakemake("-n", "all", "--config", f"scenes=[{','.join(SCENES)}]", f"accuracy={accuracy}")
+    assert code == 0, output
+    assert planned(output)["movie"] == len(SCENES)
+
+
+def test_any_scene_is_reached_by_its_output(project):
+    code, output = project.snakemake("-n", "outputs/tiny/draft/movie.mp4")
+    assert code == 0, output
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    plan = planned(output)
+    assert plan["simulate"] == plan["reconstruct"] == plan["render"] == scene.segment_count
+    assert plan["total"] == 4 + 3 * scene.segment_count
+
+
+def test_a_scene_can_start_from_the_end_of_another(project):
+    project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
+    code, output = project.snakemake("-n", "outputs/after/draft/frames/frames.pvd")
+    assert code == 0, output
+    tiny = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    assert planned(output)["simulate"] == 2 * tiny.segment_count
+
+
+def test_start_is_the_same_level_of_the_other_scene(project):
+    project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
+    code, output = project.snakemake("-n", "outputs/after/standard/checkpoints/segment_000.npz")
+    assert code == 0, output
+    assert "tiny at standard: simulate segment 001" in output and "at draft" not in output
+
+
+def test_levels_of_a_scene_stand_side_by_side(project):
+    levels = {}
+    for level in ("draft", "standard"):
+        code, output = project.snakemake(f"outputs/tiny/{level}/eye.vtp")
+        assert code == 0, output
+        levels[level] = {path: path.stat().st_mtime_ns for path in project.outputs("tiny", level).rglob("*.vtp")}
+        assert f'"accuracy": "{level}"' in (project.outputs("tiny", level) / "scene.json").read_text()
+    code, output = project.snakemake("outputs/tiny/draft/eye.vtp", "--config", "accuracy=fine")
+    assert code == 0 and "Nothing to be done" in output, output
+    assert all(path.stat().st_mtime_ns == date for dates in levels.values() for path, date in dates.items())
+
+
+def test_configured_level_is_that_of_all(project):
+    code, output = project.snakemake("-n", "all", "--config", "scenes=[tiny]", "accuracy=fine")
+    assert code == 0, output
+    assert "outputs/tiny/fine/movie.mp4" in output and "at draft" not in output
+
+
+# Wrong input
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
+    (["outputs/studies/validation/table.html"], "ask for outputs/studies/validation/draft/table.html"),
+    (["outputs/studies/validation/standard"], "ask for a file in it, such as outputs/studies/validation/standard/t"),
+    (["outputs/studies/validatoin/table.html"], 'no study is called "validatoin" (did you mean validation?)'),
+    (["outputs/tiny/movie.mp4"], "outputs/tiny/movie.mp4: every accuracy level has a folder of its own (draft, "
+                                 "standard, fine); ask for outputs/tiny/draft/movie.mp4"),
+    (["outputs/tiny/frames/frames.pvd", "--config", "accuracy=fine"], "ask for outputs/tiny/fine/frames/frames.pvd"),
+    (["outputs/tiny/finest/movie.mp4"], 'no accuracy level is called "finest" (did you mean fine?)'),
+    (["outputs/tiny/draft"], "ask for a file in it, such as outputs/tiny/draft/movie.mp4"),
+    (["all", "--config", "scenes=[tinny]"], "tinny.yaml: no such file"),
+    (["all", "--config", "scenes=tiny"], "scenes is 'tiny', but must be a list"),
+    (["all", "--config", "accuracy=finest"], 'accuracy is "finest", but must be one of draft, standard, fine'),
+    (["all", "--config", "acuracy=fine"], "acuracy: unknown key, must be one of scenes, accuracy"),
+])
+def test_wrong_request_ends_with_a_sentence(project, arguments, sentence):
+    code, output = project.snakemake(*arguments)
+    assert code == 2
+    assert sentence in output and TRACE not in output
+
+
+def test_scene_with_errors_ends_with_all_of_them(project):
+    project.write_scene("wrong", "extends: tiny\neffects: {injection: {fill: 101 %}}\noutput: {duratoin: 1 s}\n")
+    code, output = project.snakemake("outputs/wrong/draft/movie.mp4")
+    assert code == 2
+    assert "fill" in output and "duratoin" in output and TRACE not in output
+    assert not project.outputs("wrong").exists()
+
+
+def test_outputs_that_cannot_be_written_end_with_a_sentence(project):
+    (project.folder / "outputs").write_text("a file")
+    code, output = project.snakemake("outputs/tiny/draft/scene.json")
+    assert code == 2
+    assert "error: outputs: this folder cannot be written" in output and TRACE not in output
+
+
+# Digests
+
+def test_simulation_depends_on_the_effects_of_its_scene_only():
+    used = {str(path.relative_to(ROOT)) for path in modules_used("pipeline.simulate", {"gravity"})}
+    assert {"pipeline/simulate.py", "sim/solver.py", "sim/effects/gravity.py"} <= used
+    assert "sim/effects/diffusion.py" not in used and "pipeline/render.py" not in used
+
+
+def test_every_stage_has_a_digest_that_ignores_the_solver_where_it_is_not_run():
+    for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames",
+                  "effect_costs"):
+        used = modules_used(f"pipeline.{stage}", {"gravity"})
+        assert ROOT / "pipeline" / f"{stage}.py" in used
+        assert ROOT / "sim" / "solver.py" not in used, stage
+
+
+def test_digest_counts_code_but_not_comments(tmp_path, monkeypatch):
+    monkeypatch.setattr(code_digest, "ROOT", tmp_path)
+    (tmp_path / "pipeline").mkdir()
+    (tmp_path / "pipeline" / "movie.py").write_text("from pipeline import helper\n")
+    helper = tmp_path / "pipeline" / "helper.py"
+    digests = []
+    for text in ('"""One."""\nx = 1\n', '"""Two."""\n\n# why\nx = 1\n', "x = 2\n"):
+        helper.write_text(text)
+        digests.append(digest.stage_digest("movie"))
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
+    project.write_scene("red", 'extends: tiny\nlabel: red\nliquids: {aqueous: {color: "#ff0000"}}\n')
+    project.write_scene("long", "extends: tiny\noutput: {duration: 1 s}\n")
+    project.write_scene("thick", "extends: tiny\nliquids: {aqueous: {dynamic_viscosity: 2 mPa s}}\n")
+    base, red, long, thick = (load_scene(project.folder / "config" / "scenes" / f"{name}.yaml", "draft")
+                              for name in ("tiny", "red", "long", "thick"))
+
+    def changed(scene):
+        scene = digest.dataclasses.replace(scene, name="tiny")
+        return {stage for stage in digest.UNREAD
+                if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
+
+    assert changed(red) == {"render"}
+    assert changed(long) == {"advise", "cost", "estimate"}
+    assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
+
+
+# A whole run
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, can_draw):
+    """Return a project in which the scene `tiny` has been run."""
+    project = Project(tmp_path_factory.mktemp("finished"))
+    code, output = project.snakemake(*targets(can_draw))
+    assert code == 0, output
+    assert TRACE not in output
+    return project
+
+
+def targets(can_draw):
+    """Return what to make of `tiny`; pictures only where they can be drawn."""
+    names = ["metrics.csv", "effects.html", "frames/frames.pvd", "surfaces/segment_000", "surfaces/segment_001"]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4"] * can_draw]
+
+
+def test_tiny_scene_makes_everything(finished, can_draw):
+    scene = load_scene(finished.folder / "config" / "scenes" / "tiny.yaml", "draft")
+    folder = finished.outputs("tiny")
+    table = read_table(folder / "metrics.csv")
+    assert table["frame"].tolist() == list(range(scene.frame_count))
+    np.testing.assert_allclose(table["time [s]"], scene.output.frame_interval * table["frame"], atol=1e-12)
+    assert np.all(table["particles_outside [1]"] == 0)
+    total = table["volume_aqueous [mL]"] + table["volume_silicone_oil_1000 [mL]"]
+    np.testing.assert_allclose(total, total[0], rtol=1e-4)
+    for segment in range(scene.segment_count):
+        for frame in scene.frames_of_segment(segment):
+            assert (folder / f"frames/segment_{segment:03d}/frame_{frame:05d}.vtu").is_file()
+            if can_draw:
+                assert (folder / f"images/segment_{segment:03d}/frame_{frame:05d}.png").is_file()
+        assert list((folder / f"surfaces/segment_{segment:03d}").glob("*.vtp"))
+    assert {path.name for path in (folder / "logs").iterdir()} >= {"scene.log", "simulate_000.log", "metrics.log"}
+    left_over = [path for path in folder.rglob(".*") if path.name != ".snakemake_timestamp"]
+    assert not left_over
+    assert "interface_tension" in (folder / "effects.csv").read_text()
+
+
+def test_finished_run_has_nothing_to_do(finished, can_draw):
+    code, output = finished.snakemake("-n", *targets(can_draw))
+    assert code == 0 and "Nothing to be done" in output, output
+
+
+def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
+    scene = finished.folder / "config" / "scenes" / "tiny.yaml"
+    before = scene.read_text()
+    try:
+        scene.write_text(before + "label: illustration\n")
+        code, output = finished.snakemake("-n", *targets(can_draw))
+    finally:
+        scene.write_text(before)
+    assert code == 0, output
+    plan = planned(output)
+    assert plan["simulate"] == plan["reconstruct"] == plan["eye"] == plan["metrics"] == 0
+    assert plan["render"] == 2 * can_draw
+
+
+def test_longer_scene_keeps_what_it_has(finished):
+    scene = finished.folder / "config" / "scenes" / "tiny.yaml"
+    before = scene.read_text()
+    try:
+        scene.write_text(before.replace("duration: 0.2 s", "duration: 0.4 s"))
+        code, output = finished.snakemake("-n", "outputs/tiny/draft/frames/frames.pvd")
+    finally:
+        scene.write_text(before)
+    assert code == 0, output
+    assert planned(output)["simulate"] == 2 and planned(output)["voxelize"] == 0
+
+
+def test_resolved_scene_follows_its_file(project):
+    resolved = project.outputs("tiny") / "scene.json"
+    project.snakemake("outputs/tiny/draft/eye.vtp")
+    assert '"title": "Tiny tamponade"' in resolved.read_text()
+    date = (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns
+    project.write_scene("tiny", (project.folder / "config/scenes/tiny.yaml").read_text().replace("Tiny", "Small"))
+    code, output = project.snakemake("outputs/tiny/draft/initial.npz")
+    assert code == 0, output
+    assert '"title": "Small tamponade"' in resolved.read_text()
+    assert (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns == date
+
+
+def test_edited_code_runs_its_stages_again(finished, can_draw):
+    code_folder = finished.own_code("pipeline")
+    try:
+        for name in ("metrics_table.py", "movie.py"):
+            (code_folder / name).write_text((code_folder / name).read_text() + "\nADDED = 1\n")
+        code, output = finished.snakemake("-n", *targets(can_draw))
+    finally:
+        shutil.rmtree(code_folder)
+        code_folder.symlink_to(ROOT / "pipeline")
+    assert code == 0, output
+    plan = planned(output)
+    assert plan["metrics"] == 1 and plan["movie"] == can_draw
+    assert plan["simulate"] == plan["reconstruct"] == plan["render"] == 0
+
+
+def test_report_is_one_page(finished, can_draw):
+    code, output = finished.snakemake(*targets(can_draw), "--report", "report.html")
+    assert code == 0, output
+    page = (finished.folder / "report.html").read_text()
+    assert "metrics in short" in page and "wall_coverage" in page
+
+
+@pytest.mark.parametrize("victim", ["simulation", "everything"])
+def test_killed_run_goes_on_to_the_same_frames(finished, project, victim):
+    target = "outputs/tiny/draft/frames/frames.pvd"
+    first = project.outputs("tiny") / "checkpoints" / "segment_000.npz"
+    run = project.start(target)
+    wait_for(lambda: first.exists() and pids_of("pipeline.simulate", "--segment 1", project.folder), run)
+    if victim == "everything":
+        os.killpg(run.pid, signal.SIGKILL)
+    for pid in pids_of("pipeline.simulate", "--segment 1", project.folder):
+        os.kill(pid, signal.SIGKILL)
+    assert run.wait() != 0
+    date = first.stat().st_mtime_ns
+
+    code, output = project.snakemake(target)
+    assert code == 0, output
+    assert first.stat().st_mtime_ns == date
+    for segment in ("segment_000", "segment_001"):
+        ours, theirs = (find_frames(one.outputs("tiny") / "frames" / segment) for one in (project, finished))
+        assert [path.name for path in ours] == [path.name for path in theirs]
+        for one, other in zip(map(read_frame, ours), map(read_frame, theirs), strict=True):
+            for name in ("id", "position", "velocity", "volume_fraction", "volume"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_second_run_at_the_same_time_is_refused(finished, project):
+    run = project.start("outputs/tiny/draft/frames/frames.pvd")
+    log = (project.folder / "snakemake.log").read_text
+    wait_for(lambda: "check the scene" in log(), run)
+    (project.folder / "first.log").write_text(log())
+    code, output = project.snakemake("outputs/tiny/draft/frames/frames.pvd")
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    assert code == 2
+    assert "another snakemake works in this folder" in output and TRACE not in output
+
+
+def wait_for(condition, run, timeout=300.0):
+    """Wait until a condition holds while ``run`` is at work."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert run.poll() is None, "the run has ended too early"
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def pids_of(*words):
+    """Return the processes of Python whose command line and folder contain all words."""
+    found = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open(f"/proc/{entry}/cmdline") as file:
+                    line = file.read().replace("\0", " ") + os.readlink(f"/proc/{entry}/cwd")
+            except OSError:  # it has ended in the meantime
+                continue
+            if line.startswith("python") and all(str(word) in line for word in words):
+                found.append(int(entry))
+    return found
