@@ -19,6 +19,7 @@ from pipeline.base.page import STYLE
 from pipeline.base.tables import read_table
 from pipeline.base.usage import KINDS, read_usage
 from pipeline.base.words import duration, memory
+from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
@@ -63,7 +64,7 @@ def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, n
 
     steps = table["time_step [s]"]
     line("time steps", level["steps"], float(np.nansum(np.rint(frame_interval / steps))), plain)
-    for name in ("pressure", "viscosity"):
+    for name in SOLVES:
         column = f"{name}_iterations [1]"
         if column in table:
             line(f"{name} iterations per step", level[f"{name}_iterations"], _mean(table[column], 1.0 / steps), plain)

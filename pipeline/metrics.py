@@ -3,7 +3,8 @@
 To add a metric, write one function of a :class:`~pipeline.measures.frame_view.Measured` state and register it with
 ``@metric``: it becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of
 the report. Those of mixtures are in :mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in
-:mod:`pipeline.measures.rotation_metrics`; ``--list`` prints what every column means.
+:mod:`pipeline.measures.rotation_metrics`, those that an effect knows by itself in its file (`Effect.measures`);
+``--list`` prints what every column means.
 """
 import argparse
 from collections.abc import Sequence
@@ -18,11 +19,13 @@ from pipeline.base.tables import write_table
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, rotation_metrics
 from pipeline.measures.frame_view import MIXED, Measured
-from pipeline.measures.metric import Metric, registrar
+from pipeline.measures.metric import Metric, metrics_of_effect, registrar
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.summary import write_plots, write_summary
+from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
 
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
 FULL_PARTICLE = 0.5
@@ -96,7 +99,7 @@ def viscosity_iterations(state):
 
 @metric("%", "share of the time steps since the frame before in which a solve ended at numerics.maximum_iterations")
 def limit_hit(state):
-    return {solve: 100 * state.statistic(f"{solve}_limit_hit") for solve in ("pressure", "viscosity")}
+    return {solve: 100 * state.statistic(f"{solve}_limit_hit") for solve in SOLVES}
 
 
 @metric("s", "time step")
@@ -180,7 +183,9 @@ def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radi
     return (total > 0) & (neighbors.max(axis=1, initial=0) > ISOLATED * total)
 
 
-METRICS += mixing_metrics.METRICS + rotation_metrics.METRICS
+METRICS += mixing_metrics.METRICS
+METRICS += [one for effect in REGISTRY.values() for one in metrics_of_effect(effect)]
+METRICS += rotation_metrics.METRICS
 
 
 def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:

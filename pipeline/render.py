@@ -16,6 +16,7 @@ from pipeline.base.progress import progress
 from pipeline.pictures.container_picture import ContainerRenderer
 from pipeline.pictures.marks import FAINT_INK, OVERSAMPLING, color_bar, header, pretty, reduce, write
 from pipeline.pictures.section_panel import COLORS, DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
+from pipeline.scenes.effects import droplets_of
 from pipeline.surfaces.surface_files import read_section, read_surface, surface_path
 
 HEADER, FOOTER = 0.125, 0.115       # of the height
@@ -41,8 +42,7 @@ class Renderer:
         self.split = width // 2 if eye_surface is not None else width
         liquids = [liquid.name for liquid in scene.liquids]
         self.water = next((name for name in liquids if name in WATERS), liquids[0] if len(liquids) > 1 else None)
-        effect = scene.effects.get("contact_line_emulsification")
-        self.droplets = liquids.index(effect.droplets) if effect else None
+        self.droplets = droplets_of(scene)
         self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
         self.panel = None
         self.view = None

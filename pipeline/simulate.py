@@ -14,6 +14,7 @@ from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoi
 from pipeline.base.progress import progress
 from pipeline.cavity.initial_state import load_initial
 from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.memory_check import too_large
 from pipeline.scenes.model import Scene
@@ -134,7 +135,7 @@ def warn_of_small_steps(scene: Scene, solver, dt: float, usual: float) -> bool:
 
 def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> None:
     """Say which solves have ended at their limit of iterations before the frame at ``until``, s."""
-    for solve in ("pressure", "viscosity"):
+    for solve in SOLVES:
         share = statistics.get(f"{solve}_limit_hit", 0.0)
         if share > 0.0:
             print(f"{scene.name}: warning: the {solve} solve ended at its limit of "

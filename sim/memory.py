@@ -13,7 +13,6 @@ from sim.solver import BASE_FIELDS, capacity_for
 
 SOLVES = 12  # reals per particle that the pressure solve and the neighbor search work with
 ROW = 12  # bytes that a row of neighbors takes beside its entries
-LEVEL_SET = 6  # reals per node of the grid that interface tension works with, beside the normal
 NODES = {2: 4.0, 3: 15.0}  # nodes of the grid per particle: half a spacing apart, around an eye in a box
 
 
@@ -34,10 +33,9 @@ def needed_bytes(settings: Settings, particles: int, walls: int | None = None, n
     # A pair of a wall particle and a liquid particle is in a row of either.
     pairs = head_room / layers * entries_at_rest(0, np.arange(layers) + 0.5, settings.numerics.support_ratio, 1.0,
                                                  dimension)[1]
-    tension = any(effect.name == "interface_tension" for effect in _effects(settings))
-    node = real * (1 + (LEVEL_SET + dimension) * tension)
+    node = real * (1 + sum(effect.reals_per_node(dimension) for effect in _effects(settings)))
     return (capacity_for(int(particles), head_room) * bytes_per_particle(settings, head_room)
-            + walls * (pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings))
+            + walls * (pairs * (_bytes_per_pair(settings) + _more_bytes_per_pair(settings))
                        + pairs * _bytes_per_pair(settings) + ROW + real * (dimension + 8))
             + (NODES[dimension] * particles if nodes is None else nodes) * node)
 
@@ -56,7 +54,7 @@ def bytes_per_particle(settings: Settings, head_room: float = HEAD_ROOM) -> floa
     images = 3 ** sum(period > 0.0 for period in settings.periods)
     marks = 8 * math.prod(2 * cells + 1 for cells in REACH[1:dimension]) * images
     return (sum(width[field.kind] for field in fields) + sum(width[kind] for kind in buffers) + SOLVES * real
-            + 2 * ROW + marks + pairs * (_bytes_per_pair(settings) + _viscous_bytes_per_pair(settings)))
+            + 2 * ROW + marks + pairs * (_bytes_per_pair(settings) + _more_bytes_per_pair(settings)))
 
 
 def _bytes_per_pair(settings: Settings) -> int:
@@ -64,10 +62,9 @@ def _bytes_per_pair(settings: Settings) -> int:
     return 4 + _real(settings) * (settings.dimension + 1)
 
 
-def _viscous_bytes_per_pair(settings: Settings) -> int:
-    """The matrix of implicit viscosity."""
-    implicit = any(effect.name == "viscosity_implicit" for effect in _effects(settings))
-    return _real(settings) * settings.dimension if implicit else 0
+def _more_bytes_per_pair(settings: Settings) -> int:
+    """What effects keep for every pair."""
+    return _real(settings) * sum(effect.reals_per_pair(settings.dimension) for effect in _effects(settings))
 
 
 def _real(settings: Settings) -> int:

@@ -17,6 +17,7 @@ def parameter(
     exclusive_minimum: float | None = None,
     choices: Sequence[str] | None = None,
     liquid: bool = False,
+    reason: str = "",
 ):
     """Declare one parameter of an effect or of the numerics.
 
@@ -28,10 +29,12 @@ def parameter(
     minimum, maximum, exclusive_minimum : allowed range in that unit (of every component of a point).
     choices : the allowed words, for a parameter that is a word.
     liquid : True where the value names one of the scene's liquids.
+    reason : why it cannot be left out, where its meaning does not say so.
     """
     metadata = {
         "meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum,
         "exclusive_minimum": exclusive_minimum, "choices": tuple(choices) if choices else None, "liquid": liquid,
+        "reason": reason,
     }
     if isinstance(default, (list, dict)):
         raise TypeError("a parameter's default must be immutable")

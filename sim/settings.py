@@ -3,6 +3,7 @@ import dataclasses
 
 from sim.devices import AUTO, DEVICES
 from sim.parameters import parameter
+from sim.schemes import REGISTRY as SCHEMES
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,9 +20,7 @@ class Numerics:
     """How the equations are solved; the accuracy levels are named sets of these."""
 
     particle_spacing: float = parameter(unit="m", minimum=1e-9, meaning="mean distance between particles")
-    scheme: str = parameter("volume_incompressible",
-                            choices=("volume_incompressible", "wcsph", "dfsph", "position_based"),
-                            meaning="pressure solve and time integration")
+    scheme: str = parameter(next(iter(SCHEMES)), choices=tuple(SCHEMES), meaning="pressure solve and time integration")
     kernel: str = parameter("wendland_c2", choices=("wendland_c2", "cubic_spline"), meaning="smoothing kernel")
     support_ratio: float = parameter(2.5, minimum=2.0, maximum=4.0,
                                      meaning="support radius of the kernel in particle spacings")
@@ -68,3 +67,8 @@ class Settings:
     scheme: object | None = None
     periods: tuple[float, ...] = ()
     continued: bool = False
+
+    @property
+    def scheme_class(self) -> type:
+        """The scheme that ``numerics.scheme`` names."""
+        return SCHEMES[self.numerics.scheme]

@@ -1,4 +1,5 @@
 """The solver: built from settings and arrays, advanced in time, exported and restored bit by bit."""
+import functools
 import math
 import time
 
@@ -105,6 +106,7 @@ class Solver:
         self.partial = partial_results(2)
         self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
         parameters = {type(p): p for p in settings.effects}
+        self.turning = [(c, parameters[c.Parameters]) for c in classes if c.overrides("into_eye")]
         self.effects = []
         for c in classes:
             self.effects.append(c(parameters[c.Parameters], self))
@@ -216,10 +218,40 @@ class Solver:
             limits.append(0.5 * (self.spacing / change) ** 0.5)
         if self.step_count == 0:  # no acceleration was measured yet
             limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
-                       if e.name == "gravity" and e.largest_acceleration() > 0.0]
+                       if e.largest_acceleration() > 0.0]
         limits.append(self.scheme.stable_time_step())
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
+
+    # What effects say of the scene as a whole, in whatever order they were made.
+
+    def into_eye(self, vector: np.ndarray, time: float) -> np.ndarray:
+        """A vector (3,) given in the axes of the head, in those of the eye."""
+        for effect, parameters in self.turning:
+            vector = effect.into_eye(parameters, vector, time)
+        return vector
+
+    def gravity(self, time: float | None = None) -> np.ndarray:
+        """Acceleration (dimension,) of the whole scene, at the present time without another one, m/s^2."""
+        return self._sum_of("gravity_at", self.time if time is None else time, self.dimension)
+
+    def weight(self, time: float | None = None) -> np.ndarray:
+        """The same (3,) without jolts."""
+        return self._sum_of("weight_at", self.time if time is None else time, 3)
+
+    def down(self, time: float) -> np.ndarray:
+        """Direction (3,) of the weight; that of a head held upright without one."""
+        directions = (effect.down_at(time) for effect in self.effects)
+        return next((one for one in directions if one is not None), np.array([0.0, -1.0, 0.0]))
+
+    @property
+    def reference_density(self) -> float:
+        """Density whose weight is taken out of the solve, kg/m^3."""
+        return max((effect.reference_density for effect in self.effects), default=0.0)
+
+    def _sum_of(self, hook: str, time: float, length: int) -> np.ndarray:
+        found = [getattr(effect, hook)(time) for effect in self.effects if effect.overrides(hook)]
+        return functools.reduce(np.add, found) if found else np.zeros(length)
 
     def _time_step(self) -> float:
         """The fixed time step or the largest stable one, s."""

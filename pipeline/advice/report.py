@@ -4,11 +4,12 @@ import html
 import json
 import math
 
-from pipeline.advice.dimensionless_numbers import Quantity, Scales, dimensionless_numbers, shown, time_scales
-from pipeline.advice.rules import NOTE, SEEN_EFFECT, WARNING, Advice, advice
-from pipeline.advice.time_step_limits import Limit, deciding_limit, step_count, time_step_limits
+from pipeline.advice.dimensionless_numbers import Scales, dimensionless_numbers, time_scales
+from pipeline.advice.rules import advice
+from pipeline.advice.time_step_limits import deciding_limit, step_count, time_step_limits
 from pipeline.base.page import STYLE
 from pipeline.scenes.model import Scene
+from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, shown
 
 HEADINGS = {WARNING: "Warnings", SEEN_EFFECT: "What matters", NOTE: "Notes"}
 DISCLAIMER = ("Estimates of an order of magnitude: one length L and one speed U stand for the whole scene, and U is "
@@ -64,11 +65,7 @@ def _sizes(scales: Scales) -> tuple[Quantity, ...]:
 def _speeds(scales: Scales) -> tuple[Quantity, ...]:
     fastest = max(scales.speeds, key=lambda quantity: quantity.value, default=None)
     meaning = f"the largest of the following: {fastest.name}" if fastest else "nothing sets the liquids in motion"
-    speeds = [Quantity("speed U", scales.speed, "m/s", meaning), *scales.speeds]
-    if scales.turn_angles:
-        speeds.append(Quantity("turn", scales.turn_speed, "m/s", "of the wall; not counted, for a turn changes the "
-                                                                 "direction of gravity only"))
-    return tuple(speeds)
+    return (Quantity("speed U", scales.speed, "m/s", meaning), *scales.speeds, *scales.wall_speeds)
 
 
 def _sections(report: Report) -> list[tuple[str, list[tuple[str, str, str]]]]:

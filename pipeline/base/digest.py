@@ -12,12 +12,24 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("pipeline", "sim")
 # These only speak to the user.
-WITHOUT_INFLUENCE = ("pipeline.advice.report", "pipeline.base.cli", "pipeline.base.errors", "pipeline.base.progress",
+WITHOUT_INFLUENCE = ("pipeline.base.cli", "pipeline.base.errors", "pipeline.base.progress",
                      "pipeline.scenes.memory_check")
+# What is said of a scene before it is run counts for the modules that end in words, by the first of these, no others:
+# they know neither these files, nor the hooks of effects and schemes that are read by them, nor their checks.
+ADVICE = ("pipeline.advice.rules", "sim.advice", "sim.effects.parts.viscous_advice")
+SAID = ("advice", "speeds", "wall_speeds", "omitted_acceleration", "numbers", "time_scales", "wave_speeds",
+        "expected_time_step_limit")
+SAID_PREFIXES = ("_advice", "_check")
+BESIDE_ITS_WORK = {"pipeline.simulate": "pipeline.advice.report"}  # what a stage prints first
 # How a scene was read does not matter beside its values, which the digest holds.
 INSTEAD = {"pipeline.scenes.load": "pipeline.scenes.model"}
 # Packages with one file per choice: a scene depends on the files it calls for, not on the others.
 CHOICES = ("sim.effects", "sim.schemes")
+# The settings ask for the names of the schemes only.
+NAMES_ONLY = ("sim.settings",)
+# A scene's effects are values to the stages around the solver, but for these modules, which run their code.
+ASKING = ("pipeline.forecast.phases", "pipeline.measures.metric", "pipeline.scenes.effects", "pipeline.scenes.fill",
+          "pipeline.simulation.solver_setup")
 
 
 def call_digest(module: str, chosen: Iterable[str], values: object) -> str:
@@ -32,7 +44,9 @@ def shortened(*texts: str) -> str:
 
 def code_used(module: str, chosen: Iterable[str] = ()) -> str:
     """Return the paths and the code of all that :func:`modules_used` names."""
-    return "".join(f"{path.relative_to(ROOT)}\n{_meaning(path)}\n" for path in modules_used(module, chosen))
+    used = modules_used(module, chosen)
+    says = _file(ADVICE[0]) in used
+    return "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, says)}\n" for path in used)
 
 
 def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
@@ -49,15 +63,21 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
         path = _file(name)
         if path is None or path in found.values() or (name in WITHOUT_INFLUENCE and name != module):
             continue
+        if BESIDE_ITS_WORK.get(module) == name:
+            continue
+        if name == ADVICE[0]:  # effects that a scene does not have speak too
+            chosen = [file.stem for package in CHOICES for file in _file(package).parent.glob("*.py")]
+            waiting += CHOICES
         if name in CHOICES:
             waiting += [f"{name}.{choice}" for choice in chosen if _file(f"{name}.{choice}")]
             continue
         found[name] = path
         for imported in _imports(path):
-            # A scene's effects are values to the stages around the solver: only the solver runs their code.
-            if imported not in CHOICES or name.startswith("sim."):
+            runs = (name.startswith("sim.") and name not in NAMES_ONLY) or name in ASKING
+            if imported not in CHOICES or runs:
                 waiting.append(INSTEAD.get(imported, imported))
-    return sorted(found.values())
+    silent = ADVICE[0] not in found
+    return sorted(path for name, path in found.items() if not (silent and name in ADVICE))
 
 
 def _file(name: str) -> Path | None:
@@ -74,13 +94,14 @@ def _imports(path: Path) -> Iterable[str]:
     return _parsed(path.read_text(encoding="utf-8"))[0]
 
 
-def _meaning(path: Path) -> str:
-    """The code of a file without comments, docstrings and layout."""
-    return _parsed(path.read_text(encoding="utf-8"))[1]
+def _meaning(path: Path, says: bool) -> str:
+    """The code of a file without comments, docstrings and layout, and without what it says of a scene unless `says`."""
+    choice = any(path.is_relative_to(ROOT.joinpath(*package.split("."))) for package in CHOICES)
+    return _parsed(path.read_text(encoding="utf-8"), says or not choice)[1]
 
 
 @functools.cache  # a study of a hundred cases asks for the same files a hundred times
-def _parsed(code: str) -> tuple[tuple[str, ...], str]:
+def _parsed(code: str, says: bool = True) -> tuple[tuple[str, ...], str]:
     """What ``_imports`` and ``_meaning`` say of the code of a file."""
     tree, imports = ast.parse(code), []
     for node in ast.walk(tree):
@@ -93,4 +114,7 @@ def _parsed(code: str) -> tuple[tuple[str, ...], str]:
                 imports.append(node.module)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
+        if isinstance(node, ast.Module | ast.ClassDef) and not says:
+            node.body = [one for one in node.body if not (isinstance(one, ast.FunctionDef) and (
+                one.name in SAID or one.name.startswith(SAID_PREFIXES)))]
     return tuple(imports), ast.dump(tree)

@@ -11,6 +11,7 @@ from pipeline.cavity.signed_distance_grid import SignedDistance, distance_of_mes
 from pipeline.cavity.wall_layers import wall_layers
 from pipeline.scenes.memory_check import too_large
 from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
 from sim.packing import pack
 from sim.runtime import initialize
 
@@ -67,15 +68,14 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
 
 
 def check_points_inside(scene: Scene, mesh: trimesh.Trimesh, distance: SignedDistance, source: str) -> None:
-    """Refuse a cannula or a drain outside the cavity."""
-    injection = scene.effects.get("injection")
-    for key in ("cannula", "drain") if injection else ():
-        point = np.array([getattr(injection, key)])
+    """Refuse a point of an effect, such as a cannula, outside the cavity."""
+    for name, key in [(effect, point) for effect in scene.effects for point in REGISTRY[effect].inside]:
+        point = np.array([getattr(scene.effects[name], key)])
         if distance.sample(point)[0] < 0.0:
             continue
         depth = distance_to_triangles(mesh, point, longest_edge=1e-3)[0]
         coordinates = ", ".join(f"{1e3 * value:g}" for value in point[0])
-        raise UserError(f"{source}: effects.injection.{key}: ({coordinates}) mm lies {1e3 * depth:.2g} mm outside the "
+        raise UserError(f"{source}: effects.{name}.{key}: ({coordinates}) mm lies {1e3 * depth:.2g} mm outside the "
                         "eye, but must lie inside its cavity (origin = center of the globe, z forward)")
 
 

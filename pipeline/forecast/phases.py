@@ -13,8 +13,7 @@ from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Initial, Scene
 from pipeline.simulation.solver_setup import initial_phases
-
-FILLED = 1e-3  # share of the cavity by which a fill may miss its target, and no more is injected
+from sim.effects import REGISTRY
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,25 +46,20 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = Fa
     duration = scene.output.duration
     if not scene.closed:
         return [Phase("start", 0.0, duration)]
-    injection, gravity, rotation = map(scene.effects.get, ("injection", "gravity", "eye_rotation"))
+    effects = [(REGISTRY[name], parameters) for name, parameters in scene.effects.items()]
+    # What exchanges liquids is named last.
+    effects.sort(key=lambda one: (one[0].overrides("fill_at"), list(REGISTRY).index(one[0].name)))
     fill = fill_at_start(scene, lambda name: load_scene(folder / f"{name}.yaml", scene.accuracy))
-    spans = [("turn", one.start, one.start + one.duration) for one in (gravity.turns if gravity else ())]
-    spans += [("jolt", one.start, one.start + one.duration) for one in (gravity.jolts if gravity else ())]
-    if rotation and not rotation.oscillation:
-        spans += [("saccades", one.start, one.end) for one in rotation.saccades]
-    if injection and fill:
-        missing = max(0.0, injection.fill - fill.get(injection.liquid, 0.0)) * cavity_volume
-        spans.append(("injection", injection.start, injection.time_of(missing)))
+    refilled = any(effect.overrides("fill_at") for effect, _ in effects)
+    spans = [span for effect, parameters in effects for span in effect.spans(parameters, fill, cavity_volume)]
     times = sorted({0.0, duration, *(time for _, *ends in spans for time in ends if time < duration)})
     found = []
     for begin, end in itertools.pairwise(times):
         names = [name for name, first, last in spans if first <= begin and end <= last]
-        phase = Phase(" and ".join(names) or "rest", begin, end, None if begun and not injection else fill)
-        if injection and fill:
-            moved = min(injection.flowed(phase.middle), missing) / cavity_volume
-            phase = dataclasses.replace(phase, fill=fill | {
-                injection.liquid: fill.get(injection.liquid, 0.0) + moved,
-                injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved})
+        phase = Phase(" and ".join(names) or "rest", begin, end, None if begun and not refilled else fill)
+        for effect, parameters in effects if phase.fill else ():
+            phase = dataclasses.replace(
+                phase, fill=effect.fill_at(parameters, phase.fill, phase.middle, cavity_volume))
         found.append(phase)
     return found
 
@@ -80,21 +74,17 @@ def state_in(scene: Scene, solver, start: dict, phase: Phase) -> dict:
     if phase.fill is None:
         return start | {"time": phase.middle if phase.begin else 0.0}
     state = start | {"time": phase.middle}
-    gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
-    down = gravity.direction(phase.begin) if gravity else np.array([0.0, -1.0, 0.0])
     fill = {name: share for name, share in phase.fill.items() if share}
     laid = dataclasses.replace(scene, initial=Initial(fill=fill))
-    kinds = initial_phases(laid, start["particles.position"].astype(float), down[: scene.dimension])
+    kinds = initial_phases(laid, start["particles.position"].astype(float), solver.down(phase.begin)[: scene.dimension])
     volume = start["particles.volume"]
     density = np.array([liquid.density for liquid in scene.liquids], volume.dtype)
     state |= {"particles.phase": kinds.astype(start["particles.phase"].dtype),
               "particles.mass": volume * density[kinds]}
     state.pop("particles.volume_fraction", None)  # effects that mix start from the liquids then
-    injection = scene.effects.get("injection")
-    if injection:
-        present = float(volume[kinds == [one.name for one in scene.liquids].index(injection.liquid)].sum(dtype=float))
-        flown = injection.flowed(phase.middle)
-        state |= {"injection.finished": phase.fill[injection.liquid] > injection.fill - FILLED}
-        if flown:
-            state |= {"injection.volume_before": present - flown}
+    volumes = {liquid.name: float(volume[kinds == index].sum(dtype=float))
+               for index, liquid in enumerate(scene.liquids)}
+    for effect in solver.effects:
+        own = effect.state_at(phase.middle, volumes, phase.fill)
+        state |= {f"{effect.name}.{name}": value for name, value in own.items()}
     return state

@@ -31,7 +31,6 @@ COMPILING = 2  # steps at the start of a process, in which kernels are compiled 
 STEPS, FEWEST = 90, 6  # in all phases together; in each in any case
 SHORTEST = 3.0  # s of all phases together: more steps where they are short, as others take of a computer for moments
 SETTLING = 2.0 / 3.0  # of the steps of a phase, in which the solves get used to it; the others count
-MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves
 LONG = 1e3  # s, until which a probe would go on: its steps are not shortened to meet a frame
 ROUNDS = ("pressure_iterations", "viscosity_iterations")
 
@@ -84,12 +83,12 @@ def settled(steps: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def mix_ahead(solver, seconds: float) -> None:
-    """Let diffusion alone act for so long: the solves are easier where liquids have mixed, and a probe is short."""
+    """Let what spreads act alone for so long: the solves are easier where liquids have mixed, and a probe is short."""
     for effect in solver.effects:
-        if effect.name == "diffusion" and effect.parameters.coefficient:
+        if effect.overrides("mix_ahead"):
             solver.search.sort()
             solver.search.build()
-            effect.prepare(min(seconds, (MIXED * solver.spacing) ** 2 / effect.parameters.coefficient))
+            effect.mix_ahead(seconds)
 
 
 def probe(scene: Scene, initial: dict[str, np.ndarray], phases: Sequence[Phase], seconds: float, folder: Path,

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.coverage import WallContact
+from pipeline.scenes.effects import droplets_of, said_by_an_effect
 from pipeline.scenes.model import Scene
 
 MIXED = (0.05, 0.95)    # volume fractions of oil between which liquid counts as mixed
@@ -29,9 +30,9 @@ class Measured:
     @functools.cached_property
     def oil(self) -> int:
         """Phase index of the oil: the most viscous liquid, of those that form an interface."""
-        effect = self.scene.effects.get("contact_line_emulsification")
-        if effect:
-            return [liquid.name for liquid in self.scene.liquids].index(effect.oil)
+        oil = said_by_an_effect(self.scene, "interface_oil")
+        if oil is not None:
+            return [liquid.name for liquid in self.scene.liquids].index(oil)
         return int(np.argmax([liquid.dynamic_viscosity for liquid in self.scene.liquids]))
 
     @property
@@ -42,8 +43,7 @@ class Measured:
     @functools.cached_property
     def droplets(self) -> int | None:
         """Phase index of the liquid that is oil in droplets; None in a scene that makes none."""
-        effect = self.scene.effects.get("contact_line_emulsification")
-        return [liquid.name for liquid in self.scene.liquids].index(effect.droplets) if effect else None
+        return droplets_of(self.scene)
 
     @functools.cached_property
     def optic_axis_extent(self) -> tuple[float, float]:
@@ -77,10 +77,10 @@ class Measured:
     @property
     def contact_angle(self) -> float | None:
         """Contact angle at the wall, measured through the liquid that is not the oil, rad; None without tension."""
-        tension = self.scene.effects.get("interface_tension")
-        if tension is None or not tension.coefficient:
+        angle = said_by_an_effect(self.scene, "contact_angle_of")
+        if angle is None:
             return None
-        through_first = np.radians(tension.contact_angle)
+        through_first = np.radians(angle)
         return float(np.pi - through_first if self.oil == 0 else through_first)
 
     @property

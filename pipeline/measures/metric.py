@@ -1,13 +1,14 @@
 """What a metric is, and how a function becomes one."""
 import dataclasses
+import functools
 from collections.abc import Callable
 
 from pipeline.measures.frame_view import Measured
+from pipeline.scenes.effects import does, effects_that
 from pipeline.scenes.model import Scene
+from sim.effects.effect import MIXES, Effect
 
 Value = float | dict[str, float]
-# Effects by which the volume fractions of particles become other than 0 or 1.
-MIXING_EFFECTS = frozenset(("diffusion", "drift", "contact_line_emulsification"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Metric:
     of_eye : whether it says something about an eye only, and a container goes without it.
     of_mixture : whether it says something only where liquids mix, and other scenes go without it.
     of_rotation : the same for eyes that turn.
+    effect : the effect whose own measure it is; other scenes go without it.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Metric:
     of_eye: bool = False
     of_mixture: bool = False
     of_rotation: bool = False
+    effect: str | None = None
 
     def columns(self, state: Measured) -> dict[str, float]:
         """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
@@ -40,9 +43,17 @@ class Metric:
 
     def applies_to(self, scene: Scene) -> bool:
         """Whether the metric has a meaning in a scene."""
-        mixes = not MIXING_EFFECTS.isdisjoint(scene.effects)
-        return ((mixes or not self.of_mixture) and (scene.container is None or not self.of_eye)
-                and ("eye_rotation" in scene.effects or not self.of_rotation))
+        return ((not self.of_mixture or does(scene, MIXES)) and (not self.of_eye or scene.container is None)
+                and (not self.of_rotation or bool(effects_that(scene, "turns_eye")))
+                and (self.effect is None or self.effect in scene.effects))
+
+
+def metrics_of_effect(effect: type[Effect]) -> list[Metric]:
+    """Return the measures of an effect as metrics."""
+    def measured(function: Callable, state: Measured) -> float:
+        return function(state.scene.effects[effect.name], float(state.frame.time))
+    return [Metric(one.name, one.unit, one.meaning, functools.partial(measured, one.function), of_eye=one.of_eye,
+                   of_rotation=effect.turns_eye, effect=effect.name) for one in effect.measures]
 
 
 def registrar(metrics: list[Metric]) -> Callable:

@@ -1,4 +1,4 @@
-"""Metrics of an eye that turns: where it looks, and the stress with which liquid drags at the retina."""
+"""Metrics of an eye that turns: the stress with which liquid drags at the retina."""
 import numpy as np
 
 from pipeline.measures.frame_view import Measured
@@ -9,18 +9,6 @@ METRICS: list[Metric] = []
 metric = registrar(METRICS)
 
 HIGH = 99  # percentile of the stress over the retina that is called high: the largest is that of one wall point
-
-
-@metric("deg", "angle between the optic axis and straight ahead", of_eye=True, of_rotation=True)
-def gaze(state: Measured) -> float:
-    ahead = state.scene.effects["eye_rotation"].into_eye(np.array([0.0, 0.0, 1.0]), float(state.frame.time))
-    return np.degrees(np.arccos(np.clip(ahead[-1], -1.0, 1.0)))
-
-
-@metric("deg/s", "angular velocity of the eye", of_eye=True, of_rotation=True)
-def eye_rate(state: Measured) -> float:
-    return np.degrees(np.linalg.norm(
-        state.scene.effects["eye_rotation"].angular_velocity(float(state.frame.time))))
 
 
 @metric("Pa", "shear stress of the liquid on the retina: mean, and what 1 % of it exceeds; a few percent too high "

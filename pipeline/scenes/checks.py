@@ -1,7 +1,8 @@
 """What has to hold between the parts of a scene, beyond the range of every single number.
 
 Every check is a function whose arguments name the parts of the scene that it looks at, and which yields the key and the
-message of every error. A check whose parts could not be read is left out: their errors are reported already.
+message of every error. A check whose parts could not be read is left out: their errors are reported already. What must
+hold where an effect acts is in the file of the effect.
 """
 import contextlib
 import dataclasses
@@ -15,33 +16,14 @@ import numpy as np
 
 from pipeline.scenes import container_checks
 from pipeline.scenes.eye_shape import eye_shape
-from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, Scene
+from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, Scene, is_closed
 from pipeline.scenes.reader import Key, NotRead
 from sim.effects import REGISTRY
-from sim.effects.eye_rotation import LARGEST_PEAK, SMALLEST_PEAK
+from sim.effects.effect import WEIGHS
 from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
 
-# Two effects for one physics would act twice.
-CONFLICTS = (
-    ("viscosity", "viscosity_implicit", "both apply the shear stress"),
-    ("viscosity", "xsph", "both apply the shear stress"),
-    ("viscosity_implicit", "xsph", "both apply the shear stress"),
-    ("interface_tension", "cohesion", "both pull the interface together"),
-    ("interface_tension", "curvature", "both pull the interface together"),
-    ("diffusion", "collision", "one mixes the liquids, the other keeps them apart"),
-    ("drift", "collision", "one mixes the liquids, the other keeps them apart"),
-    ("interface_tension", "adhesion", "its contact angle says how the wall is wetted"),
-    ("injection", "viscoelastic", "particles that split or merge would not keep their stress"),
-    ("injection", "diffusion", "the fill is counted in unmixed particles, so let another scene start from the end"),
-    ("injection", "contact_line_emulsification",
-     "the fill is counted in unmixed particles, so let another scene start from the end"),
-    ("contact_line_emulsification", "collision", "one mixes the liquids, the other keeps them apart"),
-    ("injection", "drift", "the fill is counted in unmixed particles, so let another scene start from the end"),
-)
-LEAST_LEFT = 0.005  # of the cavity, of the liquid that an injection drains: fewer particles cannot give way evenly
-NEED_TWO_LIQUIDS = ("injection", "interface_tension", "drift", "diffusion", "collision")
 MOST_FRAMES = 100_000
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 
@@ -57,10 +39,56 @@ def _check(function: Callable[..., Found]) -> Callable[..., Found]:
 def check(parts: Mapping[str, object]) -> Found:
     """Yield the errors of all checks whose parts (fields of a Scene, by name) are there."""
     for function in _CHECKS:
-        names = inspect.signature(function).parameters
-        if names.keys() <= parts.keys():
+        yield from _asked(function, parts)
+    yield from _of_effects(parts | {"begins": True})
+
+
+def _asked(function: Callable[..., Found], parts: Mapping[str, object]) -> Found:
+    names = inspect.signature(function).parameters
+    if names.keys() <= parts.keys():
+        with contextlib.suppress(NotRead):
+            yield from function(**{name: parts[name] for name in names})
+
+
+def _of_effects(parts: Mapping[str, object], about: str = "") -> Found:
+    """Yield the errors of the checks of effects (`Effect.checks`), of those only that ask for a part, if named."""
+    for name, function in _TOLD.items():
+        if name not in parts:
             with contextlib.suppress(NotRead):
-                yield from function(**{name: parts[name] for name in names})
+                value = list(_asked(function, parts))
+                parts = parts | {name: value[0]} if value else parts
+    for name, parameters in parts.get("effects", {}).items():
+        for function in REGISTRY[name].checks:
+            if not about or about in inspect.signature(function).parameters:
+                yield from _asked(function, parts | {"parameters": parameters})
+
+
+# What checks of effects can ask for beside the parts of a scene; nothing is yielded where it is not known.
+
+def _closed(container: Container | None, blocks: tuple[Block, ...]) -> Iterator[bool]:
+    yield is_closed(container, blocks)
+
+
+def _bulk_liquids(liquids: tuple[Material, ...], effects: dict) -> Iterator[int]:
+    """Number of liquids that can have an interface."""
+    yield len(liquids) - sum(REGISTRY[name].traces for name in effects)
+
+
+def _fill(initial: Initial, start_from: str | None, container: Container | None, blocks: tuple[Block, ...]
+          ) -> Iterator[dict[str, float]]:
+    """Share of the cavity that each liquid holds at the start."""
+    if start_from is not None or not (blocks or initial.fill or initial.liquid):
+        return
+    if not blocks:
+        yield initial.fill or {initial.liquid: 1.0}
+    elif container is not None and not any(block.replaces for block in blocks):  # what is left only particles tell
+        fill = dict.fromkeys((block.liquid for block in blocks), 0.0)
+        for block in blocks:
+            fill[block.liquid] += block.volume / math.prod(container.size)
+        yield fill
+
+
+_TOLD = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
 
 
 # What a scene must have in common with the one whose last checkpoint it starts from, as error messages show it.
@@ -83,9 +111,8 @@ def check_start(parts: Mapping[str, object], start: Scene, fill: Mapping[str, fl
 
     fill : share of the cavity that each liquid holds at the end of it, where that is known.
     """
-    if fill is not None and "effects" in parts:
-        with contextlib.suppress(NotRead):
-            yield from _leaves_enough(parts["effects"], fill)
+    if fill is not None:
+        yield from _of_effects(parts | {"fill": fill, "begins": False}, "fill")
     for key, shown in _SAME_AS_START.items():
         with contextlib.suppress(NotRead, KeyError):
             found, expected = shown(parts), shown(vars(start))
@@ -111,27 +138,21 @@ def _liquids_are_enough(liquids: tuple[Material, ...], effects: dict) -> Found:
     if not liquids:
         yield ("liquids",), "is empty, but must name one liquid at least"
     if len(liquids) == 1:
-        for name in effects.keys() & set(NEED_TWO_LIQUIDS):
-            yield ("effects", name), "needs two liquids at least, but the scene has one"
-    # The oil in droplets is a part of the aqueous, a few millionths of it: it has no interface of its own here.
-    bulk = len(liquids) - ("contact_line_emulsification" in effects)
-    if bulk > 2 and "interface_tension" in effects:
-        yield ("effects", "interface_tension"), f"knows one interface, but the scene has {len(liquids)} liquids"
+        for name in effects:
+            if REGISTRY[name].fewest_liquids > 1:
+                yield ("effects", name), "needs two liquids at least, but the scene has one"
 
 
 @_check
 def _effects_do_not_conflict(effects: dict) -> Found:
-    for first, second, reason in CONFLICTS:
-        if effects.keys() >= {first, second}:
-            yield ("effects", second), f"cannot be used together with {first}: {reason}; remove one of them"
-
-
-@_check
-def _cohesion_has_one_strength(effects: dict) -> Found:
-    cohesion = effects.get("cohesion")
-    if cohesion and (cohesion.gamma is None) == (cohesion.tension is None):
-        given = "neither gamma nor tension" if cohesion.gamma is None else "both gamma and tension"
-        yield ("effects", "cohesion"), f"gives {given}, but needs one of the two"
+    present = [effect for name, effect in REGISTRY.items() if name in effects]
+    for first, second in itertools.combinations(present, 2):
+        for one, other in ((first, second), (second, first)):
+            reason = next((one.excludes[what] for what in one.excludes if what in other.does), None)
+            if reason:
+                yield ("effects", second.name), (f"cannot be used together with {first.name}: {reason}; remove one of "
+                                                 "them")
+                break
 
 
 @_check
@@ -140,158 +161,6 @@ def _effects_have_what_they_require(effects: dict) -> Found:
         for required in REGISTRY[name].requires:
             if required not in effects:
                 yield ("effects", name), f"needs the effect {required} too; add {required} or remove {name}"
-
-
-@_check
-def _droplets_are_a_liquid(effects: dict, liquids: tuple[Material, ...]) -> Found:
-    effect = effects.get("contact_line_emulsification")
-    if not effect:
-        return
-    key = ("effects", "contact_line_emulsification")
-    chosen = {name: getattr(effect, name) for name in ("oil", "aqueous", "droplets")}
-    if len(liquids) < 3 or len(set(chosen.values())) < 3:
-        given = ", ".join(f"{name} {value}" for name, value in chosen.items())
-        yield key, ("needs three liquids: oil, aqueous, and the oil in droplets as a third liquid of the scene, but it "
-                    f"has {given}")
-        return
-    densities = {liquid.name: liquid.density for liquid in liquids}
-    if densities[effect.droplets] != densities[effect.oil]:
-        yield (*key, "droplets"), (f"is {effect.droplets} of {densities[effect.droplets]:g} kg/m3, but must have the "
-                                   f"density of {effect.oil}, {densities[effect.oil]:g} kg/m3, of which it consists")
-    for name in ("oil", "aqueous"):
-        if not next(liquid.dynamic_viscosity for liquid in liquids if liquid.name == chosen[name]):
-            yield ("liquids", chosen[name], "dynamic_viscosity"), "is 0 Pa s, but must be above 0 to tear off droplets"
-    if np.linalg.norm(effect.saccade_axis) == 0.0:
-        yield (*key, "saccade_axis"), "is 0, 0, 0, but must have a direction"
-
-
-@_check
-def _drift_has_drag_and_a_way(effects: dict, liquids: tuple[Material, ...]) -> Found:
-    drift = effects.get("drift")
-    for liquid in liquids if drift and drift.coefficient > 0.0 else ():
-        if liquid.dynamic_viscosity == 0.0:
-            yield (("liquids", liquid.name, "dynamic_viscosity"),
-                   "is 0 Pa s, but must be above 0, for the drag on its droplets (effect drift)")
-    if drift and drift.dispersed is not None and drift.dispersed == drift.continuous:
-        yield (("effects", "drift", "continuous"),
-               f"is {drift.continuous}, the liquid of the droplets, but must be another one")
-
-
-@_check
-def _elastic_liquids_are_named_once(effects: dict) -> Found:
-    elastic = [one.liquid for one in effects["viscoelastic"].liquids] if "viscoelastic" in effects else []
-    for index, liquid in enumerate(elastic):
-        if liquid in elastic[:index]:
-            yield ("effects", "viscoelastic", "liquids", index), f"describes {liquid} again; remove one of the two"
-    if "viscoelastic" in effects and not elastic:
-        yield ("effects", "viscoelastic", "liquids"), "is empty, but must name one liquid at least"
-
-
-@_check
-def _turns_follow_each_other(effects: dict) -> Found:
-    turns = effects["gravity"].turns if "gravity" in effects else ()
-    for index, (turn, following) in enumerate(itertools.pairwise(turns)):
-        end = turn.start + turn.duration
-        if following.start < end - 1e-9:
-            yield (("effects", "gravity", "turns", index + 1, "start"),
-                   f"is {following.start:g} s, but the turn before ends at {end:g} s, and turns must not overlap")
-
-
-@_check
-def _rotation_is_one_movement(effects: dict, dimension: int) -> Found:
-    rotation = effects.get("eye_rotation")
-    if rotation is None:
-        return
-    key = ("effects", "eye_rotation")
-    if rotation.saccades and rotation.oscillation:
-        yield (*key, "oscillation"), "is given beside saccades, but an eye does one or the other"
-    places = [(*key, "saccades", index) for index in range(len(rotation.saccades))]
-    for place, saccade in zip(places, rotation.saccades, strict=True):
-        if not SMALLEST_PEAK <= saccade.peak_over_mean <= LARGEST_PEAK:
-            yield ((*place, "peak_rate"),
-                   f"is {saccade.peak_over_mean:.3g} times the mean rate, but must be {SMALLEST_PEAK:.3g} to "
-                   f"{LARGEST_PEAK:.3g} times it (amplitude over duration)")
-        if saccade.count > 1 and saccade.interval < saccade.lasts - 1e-9:
-            yield (*place, "interval"), (f"is {saccade.interval:g} s, but each of the saccades takes "
-                                         f"{saccade.lasts:g} s, and they must not overlap")
-    for place, (one, following) in zip(places[1:], itertools.pairwise(rotation.saccades), strict=True):
-        if following.start < one.end - 1e-9:
-            yield ((*place, "start"), f"is {following.start:g} s, but the saccade before ends at {one.end:g} s, and "
-                                      "saccades must not overlap")
-    movements = [(("oscillation",), rotation.oscillation)] if rotation.oscillation else []
-    for place, movement in [*movements, *((place[2:], s) for place, s in zip(places, rotation.saccades, strict=True))]:
-        if not any(movement.axis):
-            yield (*key, *place, "axis"), "is (0, 0, 0), but must have a direction"
-        elif dimension == 2 and any(movement.axis[:2]):
-            yield (*key, *place, "axis"), "must be along z in two dimensions, as in [0, 0, 1]"
-
-
-@_check
-def _injection_exchanges(effects: dict) -> Found:
-    injection = effects.get("injection")
-    if injection and injection.liquid == injection.drained_liquid:
-        yield (("effects", "injection", "drained_liquid"),
-               f"is {injection.liquid}, the liquid that enters, but must be another one")
-    if injection and injection.cannula == injection.drain:
-        yield ("effects", "injection", "drain"), "is where the cannula is, but must be away from it"
-
-
-@_check
-def _injection_is_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Found:
-    # The voxelize stage asks again, for a user's mesh too; here nothing is made, so nothing can be lost.
-    injection = effects.get("injection")
-    if not injection or eye is None or eye.model != "parametric" or dimension != 3:
-        return
-    shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
-                      vertical_diameter=eye.vertical_diameter)
-    for key in ("cannula", "drain"):
-        point = np.array(getattr(injection, key))
-        if shape.level(point) >= 0.0:
-            place = ", ".join(f"{1e3 * value:g}" for value in point)
-            yield (("effects", "injection", key), f"is ({place}) mm, outside the eye, but must lie inside its cavity "
-                                                  "(origin = center of the globe, z forward)")
-
-
-@_check
-def _injection_starts_in_time(effects: dict, output: Output) -> Found:
-    injection = effects.get("injection")
-    if injection and injection.start >= output.duration:
-        yield (("effects", "injection", "start"),
-               f"is {injection.start:g} s, but the scene ends at {output.duration:g} s")
-
-
-@_check
-def _injection_has_room(initial: Initial, effects: dict, start_from: str | None, container: Container | None,
-                        blocks: tuple[Block, ...]) -> Found:
-    if start_from is not None or not (blocks or initial.fill or initial.liquid):
-        return
-    fill = initial.fill or {initial.liquid: 1.0}
-    if blocks:
-        if container is None or any(block.replaces for block in blocks):  # what they leave only the particles tell
-            return
-        fill = dict.fromkeys((block.liquid for block in blocks), 0.0)
-        for block in blocks:
-            fill[block.liquid] += block.volume / math.prod(container.size)
-    injection = effects.get("injection")
-    if injection and fill.get(injection.liquid, 0.0) >= injection.fill:
-        yield (("effects", "injection", "fill"),
-               f"is {100 * injection.fill:g} %, but {injection.liquid} holds {100 * fill[injection.liquid]:g} % of the "
-               "cavity at the start")
-    else:
-        yield from _leaves_enough(effects, fill)
-
-
-def _leaves_enough(effects: Mapping, fill: Mapping[str, float]) -> Found:
-    """What speaks against the fill of an injection where liquids hold these shares of the cavity at the start."""
-    injection = effects.get("injection")
-    if not injection:
-        return
-    leaving = fill.get(injection.drained_liquid, 0.0)
-    most = fill.get(injection.liquid, 0.0) + leaving - LEAST_LEFT
-    if injection.fill > most + 1e-9:
-        yield (("effects", "injection", "fill"),
-               f"is {100 * injection.fill:g} %, which drains all {injection.drained_liquid} ({100 * leaving:g} % of "
-               f"the cavity at the start), but must be at most {100 * most:g} %")
 
 
 @_check
@@ -306,9 +175,26 @@ def _initial_is_full(initial: Initial) -> Found:
 
 
 @_check
-def _level_needs_gravity(initial: Initial, effects: dict) -> Found:
-    if initial.fill is not None and "gravity" not in effects:
-        yield ("initial", "fill"), "stacks liquids by weight, but the scene has no effect gravity"
+def _level_needs_weight(initial: Initial, effects: dict) -> Found:
+    weighing = [name for name, effect in REGISTRY.items() if WEIGHS in effect.does]
+    if initial.fill is not None and not effects.keys() & set(weighing):
+        yield ("initial", "fill"), f"stacks liquids by weight, but the scene has no effect {' or '.join(weighing)}"
+
+
+@_check
+def _points_are_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Found:
+    # The voxelize stage asks again, for a user's mesh too; here nothing is made, so nothing can be lost.
+    if eye is None or eye.model != "parametric" or dimension != 3 or not any(REGISTRY[name].inside for name in effects):
+        return
+    shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
+                      vertical_diameter=eye.vertical_diameter)
+    for name, parameters in effects.items():
+        for key in REGISTRY[name].inside:
+            point = np.array(getattr(parameters, key))
+            if shape.level(point) >= 0.0:
+                place = ", ".join(f"{1e3 * value:g}" for value in point)
+                yield (("effects", name, key), f"is ({place}) mm, outside the eye, but must lie inside its cavity "
+                                               "(origin = center of the globe, z forward)")
 
 
 @_check

@@ -11,7 +11,6 @@ from pipeline.scenes.memory_check import too_large
 from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scenes.reader import Key
 from sim.effects import REGISTRY
-from sim.effects.gravity import POSTURES
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits
@@ -122,36 +121,19 @@ def funnels_are_in_the_container(container: Container | None, numerics: Numerics
                    "spacings, or liquids would feel each other through it")
 
 
-def gravity_lies_in_the_plane(effects: dict, dimension: int) -> Found:
-    if "gravity" not in effects or dimension != 2:
-        return
-    allowed = [name for name, direction in POSTURES.items() if direction[2] == 0.0]
-    gravity = effects["gravity"]
-    postures = {("posture",): gravity.posture} | {("turns", i, "to"): turn.to for i, turn in enumerate(gravity.turns)}
-    for key, posture in postures.items():
-        if posture not in allowed:
-            yield (("effects", "gravity", *key), f"is {posture}, which points out of the plane of a scene in two "
-                                                 f"dimensions, but must be one of {', '.join(allowed)}")
-
-
 def lines_have_no_triangles(output: Output, dimension: int) -> Found:
     if output.formats and dimension == 2:
         yield (("output", "formats"), f"names {', '.join(output.formats)}, but the surfaces of a scene in two "
                                       "dimensions are lines, which are written as .vtp only")
 
 
-def injection_is_in_a_full_container(container: Container | None, blocks: tuple[Block, ...], effects: dict) -> Found:
-    injection = effects.get("injection")
-    if container is None or injection is None:
-        return
-    if not is_closed(container, blocks):
-        yield (("effects", "injection"), "exchanges liquids in a full cavity, but the blocks leave a free surface; "
-                                         "fill the container or remove injection")
-    for key in ("cannula", "drain"):
-        point = getattr(injection, key)
-        if not all(0.0 < value < side for value, side in zip(point, container.size, strict=False)):
-            place = ", ".join(f"{value:g}" for value in point)
-            yield (("effects", "injection", key), f"is ({place}) m, outside the container, but must lie inside it")
+def points_are_in_the_container(container: Container | None, effects: dict) -> Found:
+    for name, parameters in effects.items() if container is not None else ():
+        for key in REGISTRY[name].inside:
+            point = getattr(parameters, key)
+            if not all(0.0 < value < side for value, side in zip(point, container.size, strict=False)):
+                place = ", ".join(f"{value:g}" for value in point)
+                yield (("effects", name, key), f"is ({place}) m, outside the container, but must lie inside it")
 
 
 def scheme_can_fill_the_cavity(container: Container | None, blocks: tuple[Block, ...], numerics: Numerics) -> Found:
@@ -178,13 +160,6 @@ def scheme_can_run_the_effects(numerics: Numerics, effects: dict, liquids: tuple
                                       "choose another numerics.scheme")
 
 
-def tension_needs_a_full_cavity(effects: dict, container: Container | None, blocks: tuple[Block, ...]) -> Found:
-    if "interface_tension" in effects and not is_closed(container, blocks):
-        yield (("effects", "interface_tension"),
-               "keeps a part of the pressure out of the solve, which cannot vanish at a free surface then; fill the "
-               "container, or use cohesion and curvature")
-
-
 def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...], container: Container | None,
                                        blocks: tuple[Block, ...]) -> Found:
     densities, closed = [liquid.density for liquid in liquids], is_closed(container, blocks)
@@ -197,15 +172,17 @@ def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Materi
 
 def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
                               dimension: int, container: Container | None, blocks: tuple[Block, ...]) -> Found:
-    if numerics.time_step is None or ("interface_tension" in effects and len(liquids) < 2):
-        return  # tension without a second liquid is an error already, and has no limit
+    if numerics.time_step is None:
+        return
     closed, spacing = is_closed(container, blocks), numerics.particle_spacing
     settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
                         numerics, tuple(effects.values()), closed, schemes.get(numerics.scheme))
     limits = known_limits(settings)
-    if not closed and "gravity" in effects and effects["gravity"].magnitude > 0.0:
+    for name, parameters in effects.items() if not closed else ():
         # What falls freely; in a full cavity only the buoyancy accelerates.
-        limits["effects.gravity"] = 0.5 * math.sqrt(spacing / effects["gravity"].magnitude)
+        weight = REGISTRY[name].weight_of(parameters)
+        if weight > 0.0:
+            limits[f"effects.{name}"] = 0.5 * math.sqrt(spacing / weight)
     speed = max((math.hypot(*block.velocity) for block in blocks), default=0.0)
     if speed > 0.0:
         limits["the speed of the blocks and numerics.courant_number"] = numerics.courant_number * spacing / speed
@@ -241,8 +218,8 @@ def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
 CHECKS = (
     one_cavity, eye_is_in_space, container_has_the_dimension, container_holds_particles, container_has_liquid,
     funnels_are_in_the_container, blocks_have_the_dimension, blocks_are_in_the_container,
-    blocks_have_room_for_particles, blocks_do_not_overlap, gravity_lies_in_the_plane,
-    lines_have_no_triangles, injection_is_in_a_full_container, scheme_can_fill_the_cavity,
-    scheme_can_run_the_effects, tension_needs_a_full_cavity, scheme_can_solve_the_density_ratio,
+    blocks_have_room_for_particles, blocks_do_not_overlap,
+    lines_have_no_triangles, points_are_in_the_container, scheme_can_fill_the_cavity,
+    scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
     fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory,
 )

@@ -2,6 +2,7 @@
 from collections.abc import Callable
 
 from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
 
 Fill = dict[str, float]
 
@@ -22,10 +23,7 @@ def fill_at_start(scene: Scene, load: Callable[[str], Scene]) -> Fill | None:
 
 def fill_at_end(scene: Scene, load: Callable[[str], Scene]) -> Fill | None:
     """Return the same for the end of a scene, when all is injected that will be."""
-    fill, injection = fill_at_start(scene, load), scene.effects.get("injection")
-    if not fill or not injection:
-        return fill
-    present = fill.get(injection.liquid, 0.0)
-    moved = max(0.0, injection.fill - present)
-    return fill | {injection.liquid: present + moved,
-                   injection.drained_liquid: fill.get(injection.drained_liquid, 0.0) - moved}
+    fill = fill_at_start(scene, load)
+    for name, parameters in scene.effects.items() if fill else ():
+        fill = REGISTRY[name].fill_at(parameters, fill)
+    return fill

@@ -16,13 +16,6 @@ from pipeline.scenes.units import parse_quantity
 Key = tuple[str | int, ...]
 FAILED = object()  # stands for a value that could not be read; its error is collected
 
-# Why a parameter cannot be left out, where its meaning does not say so.
-_REASONS = {
-    ("injection", "drain"): "the closed cavity is full and liquids are incompressible, so what enters needs an outlet",
-    ("injection", "drained_liquid"): "the closed cavity is full and liquids are incompressible, so as much must leave "
-                                     "as enters",
-}
-
 
 class NotRead(Exception):
     """A field of an incomplete record was asked for."""
@@ -104,7 +97,7 @@ class Reader:
             return field.default
         if field.default_factory is not dataclasses.MISSING:
             return field.default_factory()
-        reason = _REASONS.get(key[-2:])
+        reason = field.metadata["reason"]
         self._errors.add(key, f"is missing ({field.metadata['meaning']})" + (f": {reason}" if reason else ""))
         return FAILED
 

@@ -59,13 +59,13 @@ def build_solver(scene: Scene, initial: dict[str, np.ndarray], head_room: float 
     head_room : room for neighbors and particles (``sim.solver.Solver``); by default what a liquid near rest needs.
     """
     from sim.effect_selection import cheapest
-    from sim.effects.gravity import POSTURES
+    from sim.effects import REGISTRY
     from sim.solver import Solver
 
-    gravity = scene.effects.get("gravity")
-    posture = POSTURES[gravity.posture] if gravity else POSTURES["upright"]
+    weights = (REGISTRY[name].down_at_start(parameters) for name, parameters in scene.effects.items())
+    down = next((one for one in weights if one is not None), np.array([0.0, -1.0, 0.0]))
     position = initial["fluid_position"]
-    phases = initial_phases(scene, position, np.array(posture[: position.shape[1]]))
+    phases = initial_phases(scene, position, down[: position.shape[1]])
     settings, notes = cheapest(scene.settings())
     solver = Solver(
         settings, fluid_position=position, fluid_volume=initial["fluid_volume"], fluid_phase=phases,
@@ -81,11 +81,7 @@ def build_solver(scene: Scene, initial: dict[str, np.ndarray], head_room: float 
 def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
     """The present state as a frame."""
     arrays = solver.snapshot()
-    gravity = np.zeros(3)
-    for effect in solver.effects:
-        if effect.name == "gravity":
-            gravity = effect.parameters.magnitude * effect.direction(solver.time)
-    dimension = solver.dimension
+    gravity, dimension = solver.weight(), solver.dimension
     mass = arrays["mass"].astype(float)
     velocity = np.zeros((len(mass), 3), dtype=arrays["velocity"].dtype)
     velocity[:, :dimension] = arrays["velocity"]

@@ -8,10 +8,12 @@ What a drop at the wall does depends on the liquids' difference in cohesion and 
 was asked for: for that there is `interface_tension`.
 """
 import dataclasses
+from types import MappingProxyType
 
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import if_zero, without_unit
+from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
 from sim.parameters import parameter
 
@@ -31,6 +33,7 @@ class Adhesion(Effect):
     name = "adhesion"
     Parameters = AdhesionParameters
     uses = ("phase", "mass", "volume")
+    excludes = MappingProxyType({PULLS: "its contact angle says how the wall is wetted"})
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -44,6 +47,12 @@ class Adhesion(Effect):
     @classmethod
     def idle(cls, parameters, settings) -> str:
         return "" if parameters.beta else "its beta is 0 N m3/kg2"
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters:
+            yield from if_zero(cls.name, parameters, "beta", "N m3/kg2")
+            yield from without_unit(cls.name, parameters, "beta")
 
     @ti.func
     def spline(self, r):

@@ -22,10 +22,12 @@ half of it one of 1728 with little viscosity began to spin by itself; the limit 
 """
 import dataclasses
 import math
+from types import MappingProxyType
 
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import if_zero, without_unit
+from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
 from sim.parameters import parameter
 from sim.runtime import real
@@ -58,6 +60,12 @@ class CohesionParameters:
         return [share * self.tension / (scale * liquid.density**2) for liquid in settings.liquids]
 
 
+def _check_strength(parameters):
+    if (parameters.gamma is None) == (parameters.tension is None):
+        given = "neither gamma nor tension" if parameters.gamma is None else "both gamma and tension"
+        yield ("effects", "cohesion"), f"gives {given}, but needs one of the two"
+
+
 @ti.data_oriented
 class Cohesion(Effect):
     """Attraction between particles of the same liquid."""
@@ -65,6 +73,8 @@ class Cohesion(Effect):
     name = "cohesion"
     Parameters = CohesionParameters
     uses = ("mass", "phase", "compression_rate")
+    excludes = MappingProxyType({PULLS: "both pull the interface together"})
+    checks = (_check_strength,)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -80,10 +90,32 @@ class Cohesion(Effect):
         return "" if any(parameters.coefficients(settings)) else "its coefficient is 0"
 
     @classmethod
+    def pulls(cls, parameters) -> bool:
+        return bool(parameters.tension or parameters.gamma)
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters:
+            yield from if_zero(cls.name, parameters, "gamma", "N m3/kg2")
+            yield from if_zero(cls.name, parameters, "tension", "N/m")
+            yield from without_unit(cls.name, parameters, "gamma")
+
+    @classmethod
+    def wave_speeds(cls, parameters, scales):
+        support = scales.scene.numerics.support_ratio * scales.spacing
+        gamma = max(parameters.coefficients(scales.scene.settings()))
+        yield math.sqrt(0.06 * gamma * scales.density * support)
+
+    def expected_speeds(self):
+        gammas, liquids = self.parameters.coefficients(self.solver.settings), self.solver.liquids
+        strongest = max(gamma * liquid.density for gamma, liquid in zip(gammas, liquids, strict=True))
+        yield math.sqrt(0.06 * strongest * self.support)  # its inner pressure is some 0.03 gamma rho^2 h
+
+    @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """Capillary limit of the stiffest liquid, with position-based fluids."""
+        """Capillary limit of the stiffest liquid, with a scheme that answers compression only."""
         numerics = settings.numerics
-        if numerics.scheme != "position_based":
+        if not settings.scheme_class.one_sided:
             return float("inf")
         area = (numerics.support_ratio * numerics.particle_spacing) ** 2
         return min((LARGEST_STEP * math.sqrt(numerics.particle_spacing**3 / (

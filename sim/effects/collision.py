@@ -17,11 +17,13 @@ interface. The impulse that the virtual particle takes is handed to the neighbor
 A hull of neighbors around a hollow holds what is in the hollow: `least_share` asks for more than the hull.
 """
 import dataclasses
+from types import MappingProxyType
 
 import taichi as ti
 
+from sim.advice import SEEN_EFFECT, WARNING, Advice, if_alone
 from sim.boundary import WALL_CLEARANCE
-from sim.effects.effect import Effect
+from sim.effects.effect import MIXES, Effect
 from sim.effects.parts.convex_hull import ConvexHull
 from sim.fields import Field
 from sim.parameters import parameter
@@ -63,6 +65,8 @@ class Collision(Effect):
         Field("collision_move", "vector", "m", "move out of the other liquid"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
+    excludes = MappingProxyType({MIXES: "one mixes the liquids, the other keeps them apart"})
+    fewest_liquids = 2
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -83,6 +87,18 @@ class Collision(Effect):
         if parameters.strength == 0.0:
             return "its strength is 0"
         return "there is one liquid only" if len(settings.liquids) == 1 else ""
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        if parameters.strength == 0.0:
+            yield Advice(WARNING, cls.name, "does nothing: its strength is 0, not above 0")
+        elif len(scales.liquids) == 1:
+            yield from if_alone(cls.name, scales)
+        else:
+            yield Advice(SEEN_EFFECT, cls.name, f"it keeps {len(scales.liquids)} liquids apart, particle by particle; "
+                                                "every hit takes energy, and it is no surface tension")
 
     @ti.func
     def _weights(self, i, liquid):

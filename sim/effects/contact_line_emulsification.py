@@ -39,6 +39,7 @@ import math
 import numpy as np
 import taichi as ti
 
+from sim.advice import SEEN_EFFECT, WARNING, Advice, shown
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
@@ -107,12 +108,34 @@ def volume_per_shear(parameters, oil, aqueous) -> float:
     return parameters.time_lapse * parameters.saccade_rate * cross_section
 
 
+def _check_droplets(parameters, liquids):
+    key = ("effects", "contact_line_emulsification")
+    chosen = {name: getattr(parameters, name) for name in ("oil", "aqueous", "droplets")}
+    if len(liquids) < 3 or len(set(chosen.values())) < 3:
+        given = ", ".join(f"{name} {value}" for name, value in chosen.items())
+        yield key, ("needs three liquids: oil, aqueous, and the oil in droplets as a third liquid of the scene, but it "
+                    f"has {given}")
+        return
+    densities = {liquid.name: liquid.density for liquid in liquids}
+    if densities[parameters.droplets] != densities[parameters.oil]:
+        yield ((*key, "droplets"),
+               f"is {parameters.droplets} of {densities[parameters.droplets]:g} kg/m3, but must have the density of "
+               f"{parameters.oil}, {densities[parameters.oil]:g} kg/m3, of which it consists")
+    for name in ("oil", "aqueous"):
+        if not next(liquid.dynamic_viscosity for liquid in liquids if liquid.name == chosen[name]):
+            yield ("liquids", chosen[name], "dynamic_viscosity"), "is 0 Pa s, but must be above 0 to tear off droplets"
+    if np.linalg.norm(parameters.saccade_axis) == 0.0:
+        yield (*key, "saccade_axis"), "is 0, 0, 0, but must have a direction"
+
+
 @ti.data_oriented
 class ContactLineEmulsification(Mixing):
     """Exchange of oil for droplets between the particles at the contact line."""
 
     name = "contact_line_emulsification"
     Parameters = ContactLineEmulsificationParameters
+    traces = 1  # the oil in droplets is a part of the aqueous, a few millionths of it
+    checks = (_check_droplets,)
     fields = (
         *Mixing.fields,
         Field("wall_layer_weight", "scalar", "1/m", "weight of the layer at the wall, its integral over depth is 1"),
@@ -150,6 +173,49 @@ class ContactLineEmulsification(Mixing):
         if parameters.efficiency and parameters.saccade_rate:
             return ""
         return cls.nothing_mixes(settings, "its efficiency or its saccade_rate is 0")
+
+    @classmethod
+    def interface_oil(cls, parameters) -> str:
+        return parameters.oil
+
+    @classmethod
+    def droplet_liquid(cls, parameters) -> str:
+        return parameters.droplets
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        effect, duration = parameters, scales.duration
+        if effect.start >= duration or effect.efficiency == 0.0 or effect.saccade_rate == 0.0:
+            yield Advice(WARNING, cls.name, f"makes no droplets: it starts at {shown(effect.start, 's')} of "
+                                            f"{shown(duration, 's')}, with an efficiency of {effect.efficiency:g} and "
+                                            f"{effect.saccade_rate:g} saccades per second")
+            return
+        liquids = {liquid.name: liquid for liquid in scales.scene.liquids}
+        oil, aqueous = liquids[effect.oil], liquids[effect.aqueous]
+        shear = shear_per_distance(effect.saccade_amplitude, aqueous) * scales.length
+        loss = volume_per_shear(effect, oil, aqueous) * shear * 2.0 * math.pi * scales.length
+        lapse = (duration - effect.start) * effect.time_lapse
+        share = loss * (duration - effect.start) / scales.cavity_volume
+        source = "the flow of the scene shears the wall" if effect.shear == "flow" else (
+            f"saccades shear the wall by {shear:.3g} 1/s; along an equator the oil would lose {share:.2g} of the "
+            "cavity")
+        yield Advice(SEEN_EFFECT, cls.name, f"{source}; the scene shows {lapse / 86400.0:.3g} days of it")
+        yield from cls._advice_on_transport(effect, scales)
+
+    @classmethod
+    def _advice_on_transport(cls, parameters, scales):
+        if not scales.transport_of_droplets:
+            yield Advice(WARNING, cls.name, "its droplets stay where the flow takes them: without the effect drift "
+                                            "none rises")
+        for name, factor in scales.transport_of_droplets.items():
+            if not math.isclose(factor, parameters.time_lapse, rel_tol=0.01):
+                yield Advice(WARNING, cls.name, f"one second shows {parameters.time_lapse:.3g} s of its droplets, but "
+                                                f"{factor:.3g} s of their rise (effects.{name}.coefficient)")
+        if scales.scene.numerics.precision != "f64":
+            yield Advice(WARNING, cls.name, "a share of droplets of some 1e-6 is lost in numbers of seven digits: use "
+                                            "numerics.precision f64")
 
     @ti.kernel
     def _kernel_integral(self) -> float:

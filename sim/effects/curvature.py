@@ -5,10 +5,13 @@ in mixtures sum alpha_k,i alpha_k,j, so that normals and force fade as the liqui
 m_ij = 2 m_i m_j/(m_i + m_j) makes the pair force antisymmetric for unequal masses, which m_i of the paper does not.
 """
 import dataclasses
+import math
+from types import MappingProxyType
 
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import if_zero, without_unit
+from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
 from sim.fields import Field
 from sim.parameters import parameter
@@ -29,6 +32,7 @@ class Curvature(Effect):
     Parameters = CurvatureParameters
     fields = (Field("interface_normal", "vector", "1", "n_i = h sum of V_j s_ij grad W_ij"),)
     uses = ("mass", "phase", "compression_rate")
+    excludes = MappingProxyType({PULLS: "both pull the interface together"})
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -40,6 +44,23 @@ class Curvature(Effect):
     @classmethod
     def idle(cls, parameters, settings) -> str:
         return "" if parameters.gamma else "its gamma is 0 m/s2"
+
+    @classmethod
+    def pulls(cls, parameters) -> bool:
+        return bool(parameters.gamma)
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters:
+            yield from if_zero(cls.name, parameters, "gamma", "m/s2")
+            yield from without_unit(cls.name, parameters, "gamma")
+
+    @classmethod
+    def wave_speeds(cls, parameters, scales):
+        yield math.sqrt(parameters.gamma * (scales.scene.numerics.support_ratio * scales.spacing))
+
+    def expected_speeds(self):
+        yield math.sqrt(self.gamma * self.support)
 
     @ti.kernel
     def _normals(self):

@@ -5,11 +5,15 @@ The volume of liquid k that moves from j to i in one step is q = 2 dt D V_i V_j 
 particles lacks of it (3 % at h = 2.5 dx) is put into D. Each new fraction is a convex combination of old ones.
 """
 import dataclasses
+import math
 
 import taichi as ti
 
+from sim.advice import SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
 from sim.effects.parts.mixture import Mixing
 from sim.parameters import parameter
+
+MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Diffusion(Mixing):
 
     name = "diffusion"
     Parameters = DiffusionParameters
+    fewest_liquids = 2
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -33,6 +38,38 @@ class Diffusion(Mixing):
     @classmethod
     def idle(cls, parameters, settings) -> str:
         return "" if parameters.coefficient else cls.nothing_mixes(settings, "its coefficient is 0 m2/s")
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        yield from if_zero(cls.name, parameters, "coefficient", "m2/s")
+        yield from if_alone(cls.name, scales)
+        if not parameters.coefficient or len(scales.liquids) == 1:
+            return
+        spread = min(math.sqrt(2.0 * parameters.coefficient * scales.duration), scales.width)
+        seen = is_seen(spread, scales)
+        time = scales.length**2 / parameters.coefficient
+        whole = f"; to mix all of them {'takes' if time <= scales.duration else 'would take'} {shown(time, 's')}"
+        yield Advice(SEEN_EFFECT if seen else WARNING, cls.name,
+                     f"{'' if seen else 'cannot be seen: '}within the {shown(scales.duration, 's')} of the scene the "
+                     f"liquids mix over {times(spread, scales)}{whole}")
+
+    @classmethod
+    def numbers(cls, parameters, scales):
+        if parameters.coefficient:
+            yield Quantity("Pe", scales.speed * scales.length / parameters.coefficient, "",
+                           "Peclet, U L/D: transport by flow over diffusion")
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        if parameters.coefficient:
+            yield Quantity("diffusion", scales.length**2 / parameters.coefficient, "s",
+                           "L2/D: the liquids are mixed all over")
+
+    def mix_ahead(self, seconds: float) -> None:
+        if self.parameters.coefficient:
+            self.prepare(min(seconds, (MIXED * self.solver.spacing) ** 2 / self.parameters.coefficient))
 
     @ti.func
     def pair_flux(self, i, j, x_ij):

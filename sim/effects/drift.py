@@ -20,9 +20,9 @@ the fractions in [0, 1] (methods 5.2).
 import dataclasses
 import math
 
-import numpy as np
 import taichi as ti
 
+from sim.advice import SEEN_EFFECT, WARNING, Advice, if_alone, if_zero, is_seen, shown, times
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
 from sim.parameters import parameter
@@ -30,6 +30,8 @@ from sim.runtime import real
 from sim.settings import Liquid
 
 TRACE = 1e-9  # share of every liquid in the surroundings of a droplet, so that pure liquid has surroundings too
+STOKES_REYNOLDS = 1.0  # at Re 1 the drag is 19 % above that of Stokes (Oseen: 3/16 Re), and beyond droplets are far
+# slower
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,12 +62,24 @@ def rise_speed(droplet: Liquid, around: Liquid, diameter: float, gravity: float)
     return response_time(droplet, around, diameter) * (around.density / droplet.density - 1.0) * gravity
 
 
+def _check_drag(parameters, liquids):
+    for liquid in liquids if parameters.coefficient > 0.0 else ():
+        if liquid.dynamic_viscosity == 0.0:
+            yield (("liquids", liquid.name, "dynamic_viscosity"),
+                   "is 0 Pa s, but must be above 0, for the drag on its droplets (effect drift)")
+    if parameters.dispersed is not None and parameters.dispersed == parameters.continuous:
+        yield (("effects", "drift", "continuous"),
+               f"is {parameters.continuous}, the liquid of the droplets, but must be another one")
+
+
 @ti.data_oriented
 class Drift(Mixing):
     """Liquids that move through each other by the weight of their droplets."""
 
     name = "drift"
     Parameters = DriftParameters
+    fewest_liquids = 2
+    checks = (_check_drag,)
     fields = (
         *Mixing.fields,
         Field("droplet_velocity", "liquid_vectors", "m/s", "velocity u_k of droplets of every liquid", carried=True),
@@ -90,7 +104,6 @@ class Drift(Mixing):
         self.log_viscosity = ti.field(real(), shape=len(names))
         for k, liquid in enumerate(solver.liquids):
             self.log_viscosity[k] = math.log(liquid.dynamic_viscosity) if liquid.dynamic_viscosity > 0.0 else -math.inf
-        self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
         self.weight = ti.Vector.field(solver.dimension, real(), shape=())  # g, m/s^2
 
     @classmethod
@@ -100,6 +113,40 @@ class Drift(Mixing):
         if len({liquid.density for liquid in settings.liquids}) == 1:
             return cls.nothing_mixes(settings, "the densities of the liquids do not differ")
         return ""
+
+    @classmethod
+    def transport_of_droplets(cls, parameters) -> float:
+        return parameters.coefficient
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        yield from if_zero(cls.name, parameters, "coefficient", "(a pure number)")
+        yield from if_alone(cls.name, scales)
+        if not parameters.coefficient or len(scales.liquids) == 1:
+            return
+        diameter, dispersed, continuous = parameters.droplet_diameter, parameters.dispersed, parameters.continuous
+        ways = [(abs(rise_speed(droplet, around, diameter, scales.gravity)), droplet, around)
+                for droplet in (*scales.liquids, *scales.droplet_liquids) for around in scales.liquids
+                if droplet is not around and dispersed in (None, droplet.name)
+                and continuous in (None, around.name) and droplet.name != continuous]
+        speed, droplet, around = max(ways, key=lambda way: way[0], default=(0.0, None, None))
+        if speed == 0.0:
+            yield Advice(WARNING, cls.name, "cannot be seen: droplets move at 0 m/s, for they need gravity and liquids "
+                                            "of different densities")
+            return
+        reach = min(parameters.coefficient * speed * scales.duration, scales.width)
+        seen = is_seen(reach, scales)
+        yield Advice(SEEN_EFFECT if seen else WARNING, cls.name,
+                     f"{'' if seen else 'cannot be seen: '}single droplets of {droplet.name} move through "
+                     f"{around.name} at {shown(speed, 'm/s')}, within the {shown(scales.duration, 's')} of the scene "
+                     f"by {times(reach, scales)}")
+        reynolds = around.density * speed * diameter / around.dynamic_viscosity
+        if reynolds > STOKES_REYNOLDS:
+            yield Advice(WARNING, cls.name, f"is too fast: droplets of {droplet.name} in {around.name} have a Reynolds "
+                                            f"number of {reynolds:.3g}, but the drag of Stokes holds below "
+                                            f"{STOKES_REYNOLDS:g}")
 
     def start(self, missing: set[str]) -> None:
         super().start(missing)
@@ -194,8 +241,7 @@ class Drift(Mixing):
     def prepare(self, dt: float) -> None:
         if self.coefficient == 0.0 or dt == 0.0 or not self.exchanged:
             return
-        gravity = self.gravity.at(self.solver.time) if self.gravity else np.zeros(self.dimension)
-        self.weight[None] = ti.Vector([float(v) for v in gravity])
+        self.weight[None] = ti.Vector([float(v) for v in self.solver.gravity()])
         self._set_droplet_velocity(dt, self.last_step)
         self.mix(dt)
         self._remember_velocity()

@@ -4,10 +4,28 @@ An effect is one file: a frozen dataclass of parameters (``sim.parameters.parame
 schema and documentation) and a class that declares the particle fields it reads and adds, and overrides only the
 hooks it uses. The solver collects, per hook, the effects that override it; a hook that none overrides is neither
 compiled nor run.
+
+All that is known of an effect is in its file: what a scene with it must be like (`checks`), what it makes of a scene
+(`advice` and its numbers), of the time step, of memory, of the course of a run and of what is measured. Nothing else
+knows it by name: what others must know of it, it declares in the words below.
 """
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
 import taichi as ti
 
+from sim.advice import Advice, Limit, Quantity
 from sim.fields import Field
+from sim.measures import Measure
+
+# What an effect can do that others, or a stage, must know of.
+SHEARS = "applies the shear stress"
+RESISTS = "resists with the viscosity of the liquids, by a force"
+MIXES = "mixes liquids"
+PULLS = "pulls the interface together as a whole"
+REMEMBERS = "keeps a stress in particles"
+WEIGHS = "gives liquids a weight"
 
 
 @ti.data_oriented
@@ -24,6 +42,18 @@ class Effect:
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
     planned : whether its state is that of a plan in time, which begins anew in a scene that starts from another one.
+    does : what it does that others must know of, in the words above.
+    excludes : what no other effect of a scene may do beside it, with the reason.
+    needs : what a scheme must be able to do (`Scheme.lacks`).
+    fewest_liquids : liquids that a scene must have for it.
+    traces : liquids of it that have no interface of their own, for they are too little.
+    inside : parameters that are points inside the cavity.
+    turns_eye : whether the wall moves in the head.
+    solves : name of the iterative solve that it adds, in statistics; empty without one.
+    checks : functions that yield the key and the message of what is wrong in a scene. Their arguments name what they
+        look at: `parameters`, the fields of a scene, `closed`, `bulk_liquids`, and `fill` with `begins`
+        (``pipeline.scenes.checks``).
+    measures : numbers of every frame that it knows.
     """
 
     name: str
@@ -34,6 +64,16 @@ class Effect:
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
     planned: bool = False
+    does: frozenset[str] = frozenset()
+    excludes: Mapping[str, str] = MappingProxyType({})
+    needs: frozenset[str] = frozenset()
+    fewest_liquids: int = 1
+    traces: int = 0
+    inside: tuple[str, ...] = ()
+    turns_eye: bool = False
+    solves: str = ""
+    checks: tuple[Callable[..., Iterator[tuple[tuple, str]]], ...] = ()
+    measures: tuple[Measure, ...] = ()
 
     def __init__(self, parameters, solver):
         self.parameters = parameters
@@ -43,7 +83,8 @@ class Effect:
     @classmethod
     def overrides(cls, hook: str) -> bool:
         """True where this effect has a hook of its own."""
-        return getattr(cls, hook) is not getattr(Effect, hook)
+        own, base = (getattr(one, hook) for one in (cls, Effect))
+        return getattr(own, "__func__", own) is not getattr(base, "__func__", base)
 
     # Rules that need the settings alone (``sim.effect_selection``).
 
@@ -59,6 +100,159 @@ class Effect:
         `largest_step` is the time step that all else allows, s.
         """
         return None
+
+    # What it says of a scene before it is run. `scales` are those of ``pipeline.advice.dimensionless_numbers``.
+
+    @classmethod
+    def advice(cls, parameters, scales, limits: Sequence[Limit]) -> Iterator[Advice]:
+        """Whether it is seen in a scene; `parameters` is None in a scene without it, where it may be missing."""
+        return iter(())
+
+    @classmethod
+    def speeds(cls, parameters, scales) -> Iterator[Quantity]:
+        """Speeds that it can give the liquids, m/s, estimates from above."""
+        return iter(())
+
+    @classmethod
+    def wall_speeds(cls, parameters, scales) -> Iterator[Quantity]:
+        """Speeds of the wall that do not count as speeds of the liquids, m/s."""
+        return iter(())
+
+    @classmethod
+    def omitted_acceleration(cls, parameters, scales) -> float:
+        """Largest acceleration of the wall that it leaves out, m/s^2."""
+        return 0.0
+
+    @classmethod
+    def numbers(cls, parameters, scales) -> Iterator[Quantity]:
+        """Dimensionless numbers of it."""
+        return iter(())
+
+    @classmethod
+    def time_scales(cls, parameters, scales) -> Iterator[Quantity]:
+        """Times in which it acts, s."""
+        return iter(())
+
+    @classmethod
+    def wave_speeds(cls, parameters, scales) -> Iterator[float]:
+        """Speeds beside `speeds` that a compressible liquid has to be fast against, m/s: `expected_speeds` foretold."""
+        return iter(())
+
+    # Rules that need the parameters alone.
+
+    @classmethod
+    def weight_of(cls, parameters) -> float:
+        """Acceleration of the whole scene by it, at rest, m/s^2."""
+        return 0.0
+
+    @classmethod
+    def largest_weight_of(cls, parameters, dimension: int) -> float:
+        """The same at its largest, m/s^2."""
+        return 0.0
+
+    @classmethod
+    def down_at_start(cls, parameters) -> np.ndarray | None:
+        """Direction (3,) of its weight at the start; None without one."""
+        return None
+
+    @classmethod
+    def tension_of(cls, parameters) -> float:
+        """Tension of the interface, N/m."""
+        return 0.0
+
+    @classmethod
+    def contact_angle_of(cls, parameters) -> float | None:
+        """Contact angle at the wall, measured through the first liquid, degrees; None where it sets none."""
+        return None
+
+    @classmethod
+    def pulls(cls, parameters) -> bool:
+        """Whether it pulls an interface together."""
+        return False
+
+    @classmethod
+    def into_eye(cls, parameters, vector: np.ndarray, time: float) -> np.ndarray:
+        """A vector (3,) given in the axes of the head, in those of the eye."""
+        return vector
+
+    @classmethod
+    def interface_oil(cls, parameters) -> str | None:
+        """The liquid that is the oil; None where it does not know."""
+        return None
+
+    @classmethod
+    def droplet_liquid(cls, parameters) -> str | None:
+        """The liquid that is oil in droplets; None where it makes none."""
+        return None
+
+    @classmethod
+    def transport_of_droplets(cls, parameters) -> float | None:
+        """Factor by which it moves droplets through a liquid, 1 as they would; None where it does not."""
+        return None
+
+    @classmethod
+    def brings(cls, parameters) -> tuple[str, ...]:
+        """Liquids that it brings into the cavity."""
+        return ()
+
+    @classmethod
+    def fill_at(cls, parameters, fill: dict[str, float], time: float = float("inf"), cavity_volume: float = 1.0
+                ) -> dict[str, float]:
+        """Share of the cavity that each liquid has at a time, s, after `fill` at the start; m^3."""
+        return fill
+
+    @classmethod
+    def spans(cls, parameters, fill: dict[str, float] | None, cavity_volume: float
+              ) -> Iterator[tuple[str, float, float]]:
+        """Parts of a scene in which it makes steps differ: name, begin and end, s."""
+        return iter(())
+
+    # Memory.
+
+    @classmethod
+    def reals_per_node(cls, dimension: int) -> int:
+        """Numbers per node of a grid that covers the cavity."""
+        return 0
+
+    @classmethod
+    def reals_per_pair(cls, dimension: int) -> int:
+        """Numbers per pair of neighbors."""
+        return 0
+
+    # Services of an effect to others, in any order of effects (``sim.solver.Solver``).
+
+    def gravity_at(self, time: float) -> np.ndarray | None:
+        """Acceleration (dimension,) of the whole scene at a time, m/s^2; None without one."""
+        return None
+
+    def weight_at(self, time: float) -> np.ndarray | None:
+        """The same (3,) without jolts."""
+        return None
+
+    def down_at(self, time: float) -> np.ndarray | None:
+        """Direction (3,) of that."""
+        return None
+
+    reference_density: float = 0.0  # kg/m^3, whose weight is taken out of the solve
+
+    def largest_acceleration(self) -> float:
+        """Largest acceleration that it gives any liquid before the first step, m/s^2."""
+        return 0.0
+
+    def expected_energy(self) -> float:
+        """Energy that it can give liquid by a fall through the cavity, per mass, m^2/s^2."""
+        return 0.0
+
+    def expected_speeds(self) -> Iterator[float]:
+        """Other speeds that it can give the liquids, m/s."""
+        return iter(())
+
+    def mix_ahead(self, seconds: float) -> None:
+        """Act alone for so long, s, where that makes the start like a later moment; neighbor rows are there."""
+
+    def state_at(self, time: float, volumes: dict[str, float], fill: dict[str, float]) -> dict:
+        """State that it has at a time, s, at which each liquid has a volume, m^3, and `fill` was planned."""
+        return {}
 
     # Hooks on the host, in the order of a step.
 

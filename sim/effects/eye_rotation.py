@@ -15,6 +15,7 @@ that makes the angle A.
 """
 import dataclasses
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -22,7 +23,9 @@ import taichi as ti
 from scipy.optimize import brentq
 from scipy.special import beta, betainc
 
+from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, shown, times
 from sim.effects.effect import Effect
+from sim.measures import Measure
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -191,6 +194,40 @@ def turned(vector: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
             + (1.0 - math.cos(angle)) * (axis @ vector) * axis)
 
 
+def _check_movements(parameters, dimension):
+    key = ("effects", "eye_rotation")
+    if parameters.saccades and parameters.oscillation:
+        yield (*key, "oscillation"), "is given beside saccades, but an eye does one or the other"
+    places = [(*key, "saccades", index) for index in range(len(parameters.saccades))]
+    for place, saccade in zip(places, parameters.saccades, strict=True):
+        if not SMALLEST_PEAK <= saccade.peak_over_mean <= LARGEST_PEAK:
+            yield ((*place, "peak_rate"),
+                   f"is {saccade.peak_over_mean:.3g} times the mean rate, but must be {SMALLEST_PEAK:.3g} to "
+                   f"{LARGEST_PEAK:.3g} times it (amplitude over duration)")
+        if saccade.count > 1 and saccade.interval < saccade.lasts - 1e-9:
+            yield (*place, "interval"), (f"is {saccade.interval:g} s, but each of the saccades takes "
+                                         f"{saccade.lasts:g} s, and they must not overlap")
+    for place, (one, following) in zip(places[1:], itertools.pairwise(parameters.saccades), strict=True):
+        if following.start < one.end - 1e-9:
+            yield ((*place, "start"), f"is {following.start:g} s, but the saccade before ends at {one.end:g} s, and "
+                                      "saccades must not overlap")
+    movements = [((*key, "oscillation"), parameters.oscillation)] if parameters.oscillation else []
+    for place, movement in [*movements, *zip(places, parameters.saccades, strict=True)]:
+        if not any(movement.axis):
+            yield (*place, "axis"), "is (0, 0, 0), but must have a direction"
+        elif dimension == 2 and any(movement.axis[:2]):
+            yield (*place, "axis"), "must be along z in two dimensions, as in [0, 0, 1]"
+
+
+def _gaze(parameters: EyeRotationParameters, time: float) -> float:
+    ahead = parameters.into_eye(np.array([0.0, 0.0, 1.0]), time)
+    return np.degrees(np.arccos(np.clip(ahead[-1], -1.0, 1.0)))
+
+
+def _eye_rate(parameters: EyeRotationParameters, time: float) -> float:
+    return np.degrees(np.linalg.norm(parameters.angular_velocity(time)))
+
+
 @ti.data_oriented
 class EyeRotation(Effect):
     """Inertial forces in the frame of an eye that turns."""
@@ -199,6 +236,12 @@ class EyeRotation(Effect):
     Parameters = EyeRotationParameters
     uses = ("position", "velocity")
     periodic = False
+    turns_eye = True
+    checks = (_check_movements,)
+    measures = (
+        Measure("gaze", "deg", "angle between the optic axis and straight ahead", _gaze, of_eye=True),
+        Measure("eye_rate", "deg/s", "angular velocity of the eye", _eye_rate, of_eye=True),
+    )
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -210,6 +253,53 @@ class EyeRotation(Effect):
     @classmethod
     def idle(cls, parameters, settings) -> str:
         return "" if parameters.peak else "the eye turns by 0 deg"
+
+    @classmethod
+    def into_eye(cls, parameters, vector: np.ndarray, time: float) -> np.ndarray:
+        return parameters.into_eye(vector, time)
+
+    @classmethod
+    def spans(cls, parameters, fill, cavity_volume):
+        for one in parameters.saccades if not parameters.oscillation else ():
+            yield "saccades", one.start, one.end
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        for saccade in parameters.saccades:
+            if saccade.end > scales.duration:
+                yield Advice(WARNING, cls.name, f"a saccade is not reached or not over: the last one ends at "
+                                                f"{shown(saccade.end, 's')}, but the scene at "
+                                                f"{shown(scales.duration, 's')}")
+        way = max((math.radians(one.amplitude) for one in parameters.movements), default=0.0) * scales.length
+        if not is_seen(way, scales):
+            yield Advice(WARNING, cls.name, f"cannot be seen: the wall moves by {times(way, scales)}")
+            return
+        yield Advice(SEEN_EFFECT, cls.name, f"the wall moves by {times(way, scales)}, at up to "
+                                            f"{shown(parameters.peak * scales.length, 'm/s')}")
+        if not scales.viscous:
+            yield Advice(WARNING, cls.name, "drags nothing along: the scene has no viscosity, so the liquid slips "
+                                            "along a round wall")
+            return
+        for liquid in scales.liquids:
+            layer = math.sqrt(2.0 * liquid.dynamic_viscosity / liquid.density * parameters.shortest / math.pi)
+            if not is_seen(layer, scales):
+                yield Advice(NOTE, cls.name, f"the layer of {liquid.name} that the wall drags along is not resolved: "
+                                             f"{times(layer, scales)}; its shear stress at the wall is too low")
+
+    @classmethod
+    def speeds(cls, parameters, scales):
+        yield Quantity("rotation", parameters.peak * scales.length, "m/s",
+                       "largest speed of the wall in a saccade or oscillation of the eye")
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        yield Quantity("rotation", parameters.shortest, "s",
+                       "shortest saccade, or half a period of the oscillation")
+
+    def expected_speeds(self):
+        yield 0.5 * self.parameters.peak * self.solver.walls.extent  # the wall, which the liquid lags behind
 
     def stable_time_step(self) -> float:
         """A share of the movement that the next step falls into, s."""

@@ -12,16 +12,19 @@ particles lie in memory.
 """
 import dataclasses
 import math
+from types import MappingProxyType
 
 import numpy as np
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, shown
+from sim.effects.effect import MIXES, REMEMBERS, Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
+from sim.schemes.scheme import GROWTH
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
 FEWEST = 24  # particles that grow, and shrink, at a time
@@ -33,6 +36,8 @@ FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
 WHOLE = 0.02  # of the cavity by which the liquids of a start may miss their shares, since particles are whole
 BINS_PER_SPACING = 4  # shells around cannula and drain in which particles are counted
 MOST_CHANGES = 4096  # particles that split, or merge, in one step
+LEAST_LEFT = 0.005  # of the cavity, of the liquid that is drained: fewer particles cannot give way evenly
+FILLED = 1e-3  # share of the cavity by which a fill may miss its target, and no more is injected
 CANNULA, DRAIN, DROPLET = range(3)  # entering liquid at the cannula, leaving liquid at the drain and at the cannula
 
 
@@ -41,12 +46,16 @@ class InjectionParameters:
     """Exchange of liquids in the closed cavity at a given flow, up to a given fill."""
 
     liquid: str = parameter(liquid=True, meaning="liquid that enters")
-    drained_liquid: str = parameter(liquid=True, meaning="liquid that leaves")
+    drained_liquid: str = parameter(liquid=True, meaning="liquid that leaves",
+                                    reason="the closed cavity is full and liquids are incompressible, so as much must "
+                                           "leave as enters")
     flow: float = parameter(unit="m**3/s", exclusive_minimum=0.0, maximum=1e-4, meaning="volume per time")
     fill: float = parameter(exclusive_minimum=0.0, maximum=1.0,
                             meaning="fraction of the cavity that the entering liquid holds at the end")
     cannula: tuple[float, float, float] = parameter(unit="m", meaning="tip of the cannula")
-    drain: tuple[float, float, float] = parameter(unit="m", meaning="mouth of the drain")
+    drain: tuple[float, float, float] = parameter(unit="m", meaning="mouth of the drain",
+                                                  reason="the closed cavity is full and liquids are incompressible, "
+                                                         "so what enters needs an outlet")
     start: float = parameter(0.0, unit="s", minimum=0.0, meaning="time at which the injection begins")
     ramp: float = parameter(0.05, unit="s", minimum=0.0, meaning="time in which the flow rises to its full value")
     radius: float = parameter(1.5e-3, unit="m", exclusive_minimum=0.0, maximum=1e-2,
@@ -70,6 +79,40 @@ class InjectionParameters:
         return max(FEWEST * rest_volume, ball, STEPS_TO_DOUBLE * self.flow * time_step)
 
 
+def _check_exchange(parameters):
+    if parameters.liquid == parameters.drained_liquid:
+        yield (("effects", "injection", "drained_liquid"),
+               f"is {parameters.liquid}, the liquid that enters, but must be another one")
+    if parameters.cannula == parameters.drain:
+        yield ("effects", "injection", "drain"), "is where the cannula is, but must be away from it"
+
+
+def _check_cavity(parameters, closed):
+    if not closed:
+        yield (("effects", "injection"), "exchanges liquids in a full cavity, but the blocks leave a free surface; "
+                                         "fill the container or remove injection")
+
+
+def _check_start(parameters, output):
+    if parameters.start >= output.duration:
+        yield (("effects", "injection", "start"),
+               f"is {parameters.start:g} s, but the scene ends at {output.duration:g} s")
+
+
+def _check_room(parameters, fill, begins):
+    if begins and fill.get(parameters.liquid, 0.0) >= parameters.fill:
+        yield (("effects", "injection", "fill"),
+               f"is {100 * parameters.fill:g} %, but {parameters.liquid} holds {100 * fill[parameters.liquid]:g} % of "
+               "the cavity at the start")
+        return
+    leaving = fill.get(parameters.drained_liquid, 0.0)
+    most = fill.get(parameters.liquid, 0.0) + leaving - LEAST_LEFT
+    if parameters.fill > most + 1e-9:
+        yield (("effects", "injection", "fill"),
+               f"is {100 * parameters.fill:g} %, which drains all {parameters.drained_liquid} ({100 * leaving:g} % of "
+               f"the cavity at the start), but must be at most {100 * most:g} %")
+
+
 @ti.data_oriented
 class Injection(Effect):
     """Growing and shrinking particles at the cannula and the drain.
@@ -86,6 +129,13 @@ class Injection(Effect):
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
     periodic = False
     planned = True
+    excludes = MappingProxyType({
+        MIXES: "the fill is counted in unmixed particles, so let another scene start from the end",
+        REMEMBERS: "particles that split or merge would not keep their stress"})
+    needs = frozenset({GROWTH})
+    fewest_liquids = 2
+    inside = ("cannula", "drain")
+    checks = (_check_exchange, _check_cavity, _check_start, _check_room)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -114,6 +164,67 @@ class Injection(Effect):
         self.chosen_volume = ti.field(ti.f64, shape=MOST_CHANGES)
         self.chosen_count = ti.field(ti.i32, shape=())
         self.direction = ti.Vector.field(self.dimension, real(), shape=DIRECTIONS)
+
+    @classmethod
+    def brings(cls, parameters) -> tuple[str, ...]:
+        return (parameters.liquid,)
+
+    @classmethod
+    def fill_at(cls, parameters, fill, time=float("inf"), cavity_volume=1.0):
+        present = fill.get(parameters.liquid, 0.0)
+        missing = max(0.0, parameters.fill - present) * cavity_volume
+        moved = min(parameters.flowed(time), missing) / cavity_volume
+        return fill | {parameters.liquid: present + moved,
+                       parameters.drained_liquid: fill.get(parameters.drained_liquid, 0.0) - moved}
+
+    @classmethod
+    def spans(cls, parameters, fill, cavity_volume):
+        if fill:
+            missing = max(0.0, parameters.fill - fill.get(parameters.liquid, 0.0)) * cavity_volume
+            yield "injection", parameters.start, parameters.time_of(missing)
+
+    def state_at(self, time: float, volumes: dict[str, float], fill: dict[str, float]) -> dict:
+        flown, liquid = self.parameters.flowed(time), self.parameters.liquid
+        before = {"volume_before": volumes[liquid] - flown} if flown else {}
+        return {"finished": fill[liquid] > self.parameters.fill - FILLED} | before
+
+    @classmethod
+    def _volume_to_inject(cls, parameters, scales) -> float:
+        """Volume, m^3; what a scene starts from is taken as empty of that liquid."""
+        present = (scales.scene.initial.fill or {}).get(parameters.liquid, 0.0)
+        for block in scales.scene.blocks:
+            if block.liquid == parameters.liquid:
+                present += block.volume / scales.cavity_volume
+        return max(parameters.fill - present, 0.0) * scales.cavity_volume
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        end = parameters.time_of(cls._volume_to_inject(parameters, scales))
+        if end > scales.duration:
+            but = f", but the scene ends at {shown(scales.duration, 's')}"
+            if scales.scene.start_from is None:
+                yield Advice(WARNING, cls.name, f"does not reach its fill: it would end at {shown(end, 's')}{but}")
+            else:
+                yield Advice(NOTE, cls.name, f"may not reach its fill: it would end at {shown(end, 's')} if the scene "
+                                             f"before had left none of its liquid{but}")
+        else:
+            yield Advice(SEEN_EFFECT, cls.name, f"it ends at {shown(end, 's')}, within the "
+                                                f"{shown(scales.duration, 's')} of the scene")
+
+    @classmethod
+    def speeds(cls, parameters, scales):
+        dimension = scales.scene.dimension
+        volume = parameters.region_volume(scales.spacing**dimension, dimension,
+                                          scales.scene.numerics.maximum_time_step)
+        yield Quantity("jet", parameters.flow * scales.radius(volume) / (dimension * volume), "m/s",
+                       "flow through the surface of the droplet in which the liquid enters")
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        end = parameters.time_of(cls._volume_to_inject(parameters, scales))
+        yield Quantity("injection", end - parameters.start, "s", "volume to inject over flow, which rises first")
 
     def exchange(self, dt: float) -> None:
         """Split and merge particles, and set the volume rates of this step."""

@@ -22,7 +22,8 @@ import math
 import numpy as np
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
+from sim.effects.effect import MIXES, PULLS, Effect
 from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
@@ -39,6 +40,11 @@ TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a
 # 30 % too slowly)
 VISCOUS_SHARE = 0.1  # of (mu_0 + mu_1) dx / sigma in the time step: for accuracy, see the study step_size_study; the
 # shortest wave is stable up to 4/pi
+NODE = 6  # reals per node of the grid, beside the normal
+# The interface is curved within the capillary length L/sqrt(Bo) of the wall: above 100 a rim of less than a tenth of L,
+# and flat elsewhere; below 10 a third of L or more, that is the shape as a whole.
+FLAT_BOND, ROUND_BOND = 100.0, 10.0
+TYPICAL_TENSION = 0.04  # silicone oil in water, N/m; water and other oils have 20 to 50 mN/m
 SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point of it is this near, in spacings
 
 
@@ -57,6 +63,18 @@ def capillary_limit(coefficient: float, settings) -> float:
     return math.sqrt(density * settings.numerics.particle_spacing**3 / (4.0 * math.pi * coefficient))
 
 
+def _check_liquids(parameters, bulk_liquids):
+    if bulk_liquids > 2:
+        yield ("effects", "interface_tension"), f"knows one interface, but the scene has {bulk_liquids} liquids"
+
+
+def _check_cavity(parameters, closed):
+    if not closed:
+        yield (("effects", "interface_tension"),
+               "keeps a part of the pressure out of the solve, which cannot vanish at a free surface then; fill the "
+               "container, or use cohesion and curvature")
+
+
 @ti.data_oriented
 class InterfaceTension(Effect):
     """Tension and wetting of the interface between two liquids."""
@@ -71,6 +89,9 @@ class InterfaceTension(Effect):
     )
     uses = ("position", "volume", "mass", "phase")
     periodic = False
+    does = frozenset({PULLS})
+    fewest_liquids = 2
+    checks = (_check_liquids, _check_cavity)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -80,7 +101,6 @@ class InterfaceTension(Effect):
         self.fractions = solver.particles.arrays.get("volume_fraction")
         self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle), self.mixes)
         self.grid = self.level_set.grid
-        self.gravity = next((e for e in solver.effects if e.name == "gravity"), None)
         densities = [liquid.density for liquid in solver.liquids]
         self.density_difference = densities[1] - densities[0]
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
@@ -112,6 +132,117 @@ class InterfaceTension(Effect):
         return "" if parameters.coefficient else "its coefficient is 0 N/m"
 
     @classmethod
+    def tension_of(cls, parameters) -> float:
+        return parameters.coefficient
+
+    @classmethod
+    def contact_angle_of(cls, parameters) -> float | None:
+        return parameters.contact_angle if parameters.coefficient else None
+
+    @classmethod
+    def pulls(cls, parameters) -> bool:
+        return True
+
+    @classmethod
+    def reals_per_node(cls, dimension: int) -> int:
+        return NODE + dimension
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            yield from cls._advice_on_its_lack(scales)
+            return
+        yield from if_zero(cls.name, parameters, "coefficient", "N/m")
+        yield from if_alone(cls.name, scales)
+        if not scales.tension:
+            return
+        rounding = scales.tension / (scales.density * scales.length**2)
+        reach = scales.reach(rounding, scales.capillary_speed(scales.tension))
+        bond = scales.bond_number(scales.gravity, scales.tension)
+        rim = scales.length / math.sqrt(bond) if bond else math.inf
+        if not is_seen(reach, scales):
+            yield Advice(WARNING, cls.name, "cannot be seen: within the scene it moves the interface by "
+                                            f"{times(reach, scales)}")
+        elif bond > FLAT_BOND:
+            seen = "can hardly be seen" if is_seen(rim, scales) else "cannot be seen"
+            own = next(limit.value for limit in limits if limit.source == f"effects.{cls.name}")
+            yield Advice(WARNING, cls.name,
+                         f"{seen}: Bo = {bond:.3g} is above {FLAT_BOND:g}, so the interface is flat but for a rim of "
+                         f"{times(rim, scales)}, and it limits the time step to {shown(own, 's')}")
+        else:
+            shape = (f"below {ROUND_BOND:g}, so it rounds the liquid as a whole" if bond < ROUND_BOND else
+                     f"from {ROUND_BOND:g} to {FLAT_BOND:g}, so it curves a rim of {times(rim, scales)}")
+            yield Advice(SEEN_EFFECT, cls.name, f"Bo = {bond:.3g} is {shape}")
+            yield cls._advice_on_wetting(parameters.contact_angle, scales, min(rim, scales.length))
+
+    @classmethod
+    def _advice_on_wetting(cls, angle: float, scales, rim: float) -> Advice:
+        """Height sqrt(2(1 - sin theta)) capillary lengths of the meniscus at an upright flat wall (Young-Laplace)."""
+        climb = rim * math.sqrt(max(2.0 * (1.0 - math.sin(math.radians(angle))), 0.0))
+        text = f"a contact angle of {angle:g} deg bends the interface at the wall by {times(climb, scales)}"
+        return Advice(SEEN_EFFECT if is_seen(climb, scales) else NOTE, cls.name, text)
+
+    @classmethod
+    def _advice_on_its_lack(cls, scales):
+        if scales.does(MIXES) or len(scales.scene.liquids) != 2:
+            return  # mixing liquids have no tension, and the effect knows one interface
+        if len(scales.liquids) != 2 or not scales.scene.closed or scales.pulled:
+            return
+        bond, size = scales.bond_number(scales.gravity, TYPICAL_TENSION), scales.density * scales.length**2
+        reach = scales.reach(TYPICAL_TENSION / size, scales.capillary_speed(TYPICAL_TENSION))
+        if bond < ROUND_BOND and is_seen(reach, scales):
+            yield Advice(WARNING, cls.name,
+                         f"is missing and would be seen: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
+                         f"Bo = {bond:.3g} is below {ROUND_BOND:g} (unless the two liquids have no interface)")
+        else:
+            yield Advice(NOTE, cls.name,
+                         f"is rightly left out: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
+                         f"Bo = {bond:.3g} (it rounds the liquid below {ROUND_BOND:g}), and it moves the interface by "
+                         f"{times(reach, scales)}")
+
+    @classmethod
+    def speeds(cls, parameters, scales):
+        if scales.tension:
+            yield Quantity("capillary", scales.capillary_speed(scales.tension), "m/s",
+                           "the smaller of sqrt(sigma/(rho L)) and, with viscosity, sigma/mu of the stiffest liquid")
+
+    @classmethod
+    def numbers(cls, parameters, scales):
+        tension, speed, length = scales.tension, scales.speed, scales.length
+        if not tension:
+            return
+        yield Quantity("Bo", scales.bond_number(scales.gravity, tension), "",
+                       "Bond, drho g L2/sigma: difference of weights over tension")
+        yield Quantity("We", scales.density * speed**2 * length / tension, "",
+                       "Weber, rho U2 L/sigma of the heaviest liquid: inertia over tension")
+        yield Quantity("Ca", scales.stiffest.dynamic_viscosity * speed / tension, "",
+                       "capillary, mu U/sigma of the stiffest liquid: viscosity over tension")
+        for liquid in scales.liquids:
+            if liquid.dynamic_viscosity > 0.0:
+                yield Quantity(f"Oh {liquid.name}", scales.ohnesorge_number(liquid), "",
+                               "Ohnesorge, mu/sqrt(rho sigma L) of this liquid: above 0.77 a drop of it does not ring")
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        tension, length, viscosity = scales.tension, scales.length, scales.stiffest.dynamic_viscosity
+        if not tension:
+            return
+        yield Quantity("capillary", math.sqrt(scales.density * length**3 / tension), "s",
+                       "sqrt(rho L3/sigma): tension against inertia")
+        if scales.viscous and viscosity > 0.0:
+            yield Quantity("capillary, viscous", viscosity * length / tension, "s",
+                           "mu L/sigma of the stiffest liquid: tension against viscosity")
+
+    @classmethod
+    def wave_speeds(cls, parameters, scales):
+        if scales.tension:
+            yield math.sqrt(math.pi * scales.tension / (2.0 * scales.density * scales.spacing))
+
+    def expected_speeds(self):
+        density = self.solver.liquids[0].density + self.solver.liquids[1].density
+        yield math.sqrt(self.coefficient * np.pi / (density * self.spacing))
+
+    @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
         """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 (Galusinski & Vigneaux 2008; the constants are ours).
 
@@ -119,7 +250,7 @@ class InterfaceTension(Effect):
         t_v = 0.1 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
         shortest wave, which an explicit tension then drives in steps of up to (4/pi) (mu_0 + mu_1) dx / sigma.
         """
-        if parameters.coefficient == 0.0:
+        if parameters.coefficient == 0.0 or len(settings.liquids) < 2:
             return float("inf")
         first, second = settings.liquids[:2]
         spacing = settings.numerics.particle_spacing
@@ -134,7 +265,7 @@ class InterfaceTension(Effect):
         return self.time_step_limit(self.parameters, self.solver.settings)
 
     def prepare(self, dt: float) -> None:
-        gravity = self.gravity.at(self.solver.time) if self.gravity else np.zeros(self.dimension)
+        gravity = self.solver.gravity()
         self.body_force[None] = ti.Vector([float(v) for v in self.density_difference * gravity])
         self._color()
         self.level_set.update()

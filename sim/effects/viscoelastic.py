@@ -19,7 +19,8 @@ import dataclasses
 
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import SEEN_EFFECT, WARNING, Advice
+from sim.effects.effect import REMEMBERS, Effect
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real
@@ -49,6 +50,15 @@ class ViscoelasticParameters:
                                                    "pressure is below zero, nothing else would")
 
 
+def _check_liquids(parameters):
+    elastic = [one.liquid for one in parameters.liquids]
+    for index, liquid in enumerate(elastic):
+        if liquid in elastic[:index]:
+            yield ("effects", "viscoelastic", "liquids", index), f"describes {liquid} again; remove one of the two"
+    if not elastic:
+        yield ("effects", "viscoelastic", "liquids"), "is empty, but must name one liquid at least"
+
+
 @ti.data_oriented
 class Viscoelastic(Effect):
     """Stress of a Maxwell liquid, advanced at the start of the step."""
@@ -60,6 +70,8 @@ class Viscoelastic(Effect):
         Field("stress_flux", "tensor", "Pa", "T L, stress times the correction of the kernel gradient"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
+    does = frozenset({REMEMBERS})
+    checks = (_check_liquids,)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -77,6 +89,18 @@ class Viscoelastic(Effect):
     @classmethod
     def idle(cls, parameters, settings) -> str:
         return "" if any(one.shear_modulus for one in parameters.liquids) else "every shear modulus is 0 Pa"
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        density = {liquid.name: liquid.density for liquid in scales.liquids}
+        for one in parameters.liquids if parameters else ():
+            if one.shear_modulus == 0.0:
+                yield Advice(WARNING, cls.name, f"does nothing in {one.liquid}: its shear modulus is 0 Pa, not above 0")
+            elif one.liquid in density:
+                cauchy = density[one.liquid] * scales.speed**2 / one.shear_modulus
+                moves = "tears and flows" if cauchy > 1.0 else "springs"
+                yield Advice(SEEN_EFFECT, cls.name,
+                             f"rho U2/M of {one.liquid} is {cauchy:.3g}: it {moves} (springs below 1)")
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:

@@ -8,11 +8,25 @@ laplacian  a_i = (V_i/m_i) sum_j 2 mu_ij V_j (x_ij.G_ij)/r^2 v_ij (Morris et al.
 The step is limited by dx^2 rho / mu: for aqueous or for coarse tests; oil calls for `viscosity_implicit`.
 """
 import dataclasses
+from types import MappingProxyType
 
 import taichi as ti
 
-from sim.effects.effect import Effect
-from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
+from sim.effects.effect import RESISTS, SHEARS, Effect
+from sim.effects.parts.liquid_viscosity import (
+    EXPLICIT_WALL_FACTOR,
+    LiquidViscosity,
+    explicit_limit,
+    without_viscosity,
+)
+from sim.effects.parts.viscous_advice import (
+    IMPLICIT_STEP_COST,
+    acting,
+    explicit_steps,
+    missing,
+    rightly_missing,
+    viscous_times,
+)
 from sim.effects.parts.viscous_weights import harmonic_mean
 from sim.fields import Field
 from sim.parameters import parameter
@@ -36,6 +50,8 @@ class Viscosity(Effect):
     Parameters = ViscosityParameters
     fields = (*LiquidViscosity.fields, Field("wall_depth", "scalar", "m", "distance to the wall"))
     uses = ("position", "phase", "velocity", "volume", "mass")
+    does = frozenset({SHEARS, RESISTS})
+    excludes = MappingProxyType({SHEARS: "both apply the shear stress"})
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -50,10 +66,20 @@ class Viscosity(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """0.125 dx^2 rho / mu of the stiffest liquid."""
-        limits = [0.125 * settings.numerics.particle_spacing**2 * liquid.density / liquid.dynamic_viscosity
-                  for liquid in settings.liquids if liquid.dynamic_viscosity > 0.0]
-        return min(limits, default=float("inf"))
+        return explicit_limit(settings)
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters:
+            yield from acting(cls.name, scales)
+        elif not scales.does(SHEARS):
+            yield from rightly_missing(cls.name, scales)
+            if explicit_steps(cls.name, scales, limits) <= IMPLICIT_STEP_COST:
+                yield from missing(cls.name, scales)
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        return viscous_times(scales)
 
     def stable_time_step(self) -> float:
         return self.time_step_limit(self.parameters, self.solver.settings)

@@ -15,12 +15,22 @@ M + dt K is symmetric and positive definite; conjugate gradients with the diagon
 viscous acceleration of the last step.
 """
 import dataclasses
+from types import MappingProxyType
 from typing import ClassVar
 
 import taichi as ti
 
-from sim.effects.effect import Effect
-from sim.effects.parts.liquid_viscosity import LiquidViscosity, without_viscosity
+from sim.advice import NOTE, WARNING, Advice
+from sim.effects.effect import RESISTS, SHEARS, Effect
+from sim.effects.parts.liquid_viscosity import LiquidViscosity, explicit_limit, without_viscosity
+from sim.effects.parts.viscous_advice import (
+    IMPLICIT_STEP_COST,
+    acting,
+    explicit_steps,
+    is_felt,
+    missing,
+    viscous_times,
+)
 from sim.effects.parts.viscous_forms import FORMS
 from sim.effects.viscosity import Viscosity, ViscosityParameters
 from sim.fields import Field
@@ -61,6 +71,9 @@ class ViscosityImplicit(Effect):
         Field("wall_friction", "scalar", "kg/s", "viscous force of the wall over the velocity"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
+    does = frozenset({SHEARS, RESISTS})
+    excludes = MappingProxyType({SHEARS: "both apply the shear stress"})
+    solves = "viscosity"
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -78,12 +91,39 @@ class ViscosityImplicit(Effect):
 
     @classmethod
     def instead(cls, parameters, settings, largest_step: float):
-        limit = Viscosity.time_step_limit(None, settings)
+        limit = explicit_limit(settings)
         if not parameters.explicit_if_cheaper or parameters.form == "strain" or limit < largest_step:
             return None
         return ViscosityParameters(wall=parameters.wall, form=parameters.form), (
             f"is advanced explicitly: the limit of that, {1e3 * limit:.3g} ms, is not below the "
             f"{1e3 * largest_step:.3g} ms that all else allows (effects.viscosity_implicit.explicit_if_cheaper)")
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        steps = explicit_steps(Viscosity.name, scales, limits)
+        if parameters:
+            yield from acting(cls.name, scales)
+            replaced = [note for note in scales.replacements if note.startswith(cls.name)]
+            if is_felt(scales) and replaced:
+                yield Advice(NOTE, cls.name, replaced[0].removeprefix(f"{cls.name} "))
+            elif is_felt(scales) and steps <= 1.0:
+                yield Advice(WARNING, cls.name, "explicit viscosity would be cheaper: it needs no solve and "
+                                                f"{steps:.2g} steps for one that everything else allows, so up to 1 it "
+                                                "costs no further step")
+        elif steps > IMPLICIT_STEP_COST and Viscosity.name in scales.scene.effects and is_felt(scales):
+            yield Advice(WARNING, Viscosity.name,
+                         f"{cls.name} would be cheaper: explicit viscosity takes {steps:.3g} steps for one that "
+                         f"everything else allows (cheaper up to {IMPLICIT_STEP_COST:g})")
+        elif steps > IMPLICIT_STEP_COST and not scales.does(SHEARS):
+            yield from missing(cls.name, scales)
+
+    @classmethod
+    def time_scales(cls, parameters, scales):
+        return viscous_times(scales)
+
+    @classmethod
+    def reals_per_pair(cls, dimension: int) -> int:
+        return dimension  # the matrix
 
     @ti.kernel
     def _guess(self, dt: float):

@@ -14,11 +14,14 @@ It brakes spin too, as all forces along the difference of the velocities do: a d
 With `wall: no_slip` a wall particle takes part with the velocity that makes the wall stand still, as in `viscosity`.
 """
 import dataclasses
+from types import MappingProxyType
 
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.advice import NOTE, Advice, if_zero, shown, smallest
+from sim.effects.effect import SHEARS, Effect
 from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
+from sim.effects.parts.viscous_advice import acting
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.smoothing_kernels import KERNELS
@@ -55,6 +58,8 @@ class Xsph(Effect):
     Parameters = XsphParameters
     fields = (Field("velocity_change", "vector", "m/s", "what a step of XSPH adds to the velocity"),)
     uses = ("position", "velocity", "volume", "mass", "phase")
+    does = frozenset({SHEARS})
+    excludes = MappingProxyType({SHEARS: "both apply the shear stress"})
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -71,6 +76,19 @@ class Xsph(Effect):
         if parameters.coefficient is None:
             return without_viscosity(settings)
         return "" if parameters.coefficient else "its coefficient is 0"
+
+    @classmethod
+    def advice(cls, parameters, scales, limits):
+        if parameters is None:
+            return
+        yield from if_zero(cls.name, parameters, "coefficient", "(a pure number)")
+        if parameters.coefficient is None:
+            yield from acting(cls.name, scales)
+        elif parameters.coefficient:
+            step = smallest(limits)
+            nu = kinematic_viscosity(parameters.coefficient, step, scales.scene.numerics, scales.scene.dimension)
+            yield Advice(NOTE, cls.name, f"its coefficient of {parameters.coefficient:g} is a kinematic viscosity of "
+                                         f"{shown(nu, 'm2/s')} in steps of {shown(step, 's')}, more in shorter ones")
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:

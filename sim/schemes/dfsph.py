@@ -19,7 +19,7 @@ from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
-from sim.schemes.scheme import Scheme
+from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
 FEWEST_NEIGHBORS = {2: 7, 3: 20}  # with fewer, the divergence of a particle is not corrected
@@ -52,7 +52,7 @@ class DFSPH(Scheme):
 
     name = "dfsph"
     Parameters = DFSPHParameters
-    refuses = MappingProxyType({"injection": "its density solve has no source for growing volumes"})
+    lacks = MappingProxyType({GROWTH: "its density solve has no source for growing volumes"})
     largest_density_ratio = 10.0  # bounded at 1:100 too, but the light liquid swells by 15 %
     # The density smeared across an interface asks for room that a full cavity lacks: at 1:3 particles are thrown about.
     largest_density_ratio_full = 1.2

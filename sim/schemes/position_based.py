@@ -31,7 +31,7 @@ from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real, real_numpy
-from sim.schemes.scheme import Scheme
+from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
 PAPER_DENSITY = 1.25  # S2's rest density in particles per dx^d: its liquid shrinks to 80 % (E24)
@@ -71,9 +71,10 @@ class PositionBased(Scheme):
     """Scheme `position_based`."""
 
     name = "position_based"
+    one_sided = True
     Parameters = PositionBasedParameters
-    refuses = MappingProxyType({
-        "injection": "the overlap of a particle that splits becomes velocity within one step"})
+    lacks = MappingProxyType({
+        GROWTH: "the overlap of a particle that splits becomes velocity within one step"})
     largest_density_ratio = 10.0  # two layers keep their volume within 1 %; at 1:1000 they grow by 2.8 %
     fields = (
         Field("pressure", "scalar", "Pa", "sum of the multipliers of a step over dt^2", carried=True),

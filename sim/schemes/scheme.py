@@ -10,11 +10,27 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import taichi as ti
 
 from sim.fields import Field
-from sim.settings import Settings
+
+if TYPE_CHECKING:  # the settings ask for the names of the schemes
+    from sim.advice import Limit
+    from sim.settings import Settings
+
+GROWTH = "volumes that grow and shrink"  # what a scheme can lack that an effect needs
+
+
+class _Refusals:
+    """The effects that a scheme cannot run, with the reason: those that need what it lacks."""
+
+    def __get__(self, _, scheme: type["Scheme"]) -> Mapping[str, str]:
+        from sim.effects import REGISTRY  # effects know the settings, and these the schemes
+
+        return MappingProxyType({effect.name: scheme.lacks[need] for effect in REGISTRY.values()
+                                 for need in effect.needs & scheme.lacks.keys()})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +48,9 @@ class Scheme(abc.ABC):
     Parameters : frozen dataclass of the scheme's own parameters (``sim.parameters.parameter``).
     fields : particle fields of the scheme; `pressure` and `compression_rate` are two of them, for effects and frames.
     fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
-    refuses : effects that it cannot run, with the reason.
+    lacks : what it cannot do that effects need (`Effect.needs`), with the reason.
+    refuses : effects that it cannot run for that, with the reason.
+    one_sided : whether it answers liquid that is too dense only, so that nothing but the step holds what is stretched.
     largest_density_ratio : of two liquids, up to which it was shown to work.
     largest_density_ratio_full : the same in a full cavity, where liquids cannot give way; None where it is the same.
     """
@@ -41,7 +59,9 @@ class Scheme(abc.ABC):
     Parameters: type = NoParameters
     fields: tuple[Field, ...] = ()
     fills: tuple[str, ...] = ("closed", "open")
-    refuses: Mapping[str, str] = MappingProxyType({})
+    lacks: Mapping[str, str] = MappingProxyType({})
+    refuses: Mapping[str, str] = _Refusals()
+    one_sided: bool = False
     largest_density_ratio: float = float("inf")
     largest_density_ratio_full: float | None = None
 
@@ -69,7 +89,12 @@ class Scheme(abc.ABC):
         return float("inf")
 
     @classmethod
-    def variant(cls, settings: Settings) -> type["Scheme"]:
+    def expected_time_step_limit(cls, scales) -> "Limit | None":
+        """The same where it follows from the speeds of a scene (``pipeline.advice``), an estimate."""
+        return None
+
+    @classmethod
+    def variant(cls, settings: "Settings") -> type["Scheme"]:
         """Class that runs a scene: a scheme may solve a full cavity and a free surface differently."""
         return cls
 

@@ -66,7 +66,6 @@ class VolumeIncompressible(Scheme):
         self.partial = partial_results(2)
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
-        self.gravity = next((effect for effect in solver.effects if effect.name == "gravity"), None)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
 
         self.viscous_effects = [effect for effect in solver.effects if effect.overrides("implicit_viscosity")]
@@ -236,10 +235,9 @@ class VolumeIncompressible(Scheme):
 
     def _largest_weight(self) -> float:
         """Pressure of the heaviest column of liquid, less the reference density, across the cavity, Pa."""
-        if self.gravity is None:
-            return 0.0
-        excess = max(abs(liquid.density - self.gravity.reference_density) for liquid in self.solver.liquids)
-        return excess * float(np.linalg.norm(self.gravity.at(self.solver.time))) * self.walls.extent
+        solver = self.solver
+        excess = max(abs(liquid.density - solver.reference_density) for liquid in solver.liquids)
+        return excess * float(np.linalg.norm(solver.gravity())) * self.walls.extent
 
     @ti.kernel
     def _set_correction_right_side(self):

@@ -19,7 +19,7 @@ from sim.fields import Field
 from sim.parameters import parameter
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import Jacobi
-from sim.schemes.scheme import Scheme
+from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
 SPRAY = 0.5  # compression rate over that at rest, below which a particle starts from p = 0 and may converge
@@ -55,7 +55,7 @@ class VolumeIncompressibleClamped(Scheme):
         Field("displacement", "vector", "m", "move beside that with the velocity"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
-    refuses = MappingProxyType({"injection": "it works in full cavities at density ratios up to 2 only"})
+    lacks = MappingProxyType({GROWTH: "it works in full cavities at density ratios up to 2 only"})
 
     def __init__(self, solver):
         super().__init__(solver)

@@ -14,12 +14,12 @@ from types import MappingProxyType
 import numpy as np
 import taichi as ti
 
+from sim.advice import ESTIMATE, Limit
 from sim.boundary import WallStop
-from sim.effects.gravity import POSTURES
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real
-from sim.schemes.scheme import Scheme
+from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
 MACH = 0.1  # largest speed over the speed of sound: densities then vary by about 1 %
@@ -51,7 +51,7 @@ class WCSPH(Scheme):
 
     name = "wcsph"
     Parameters = WCSPHParameters
-    refuses = MappingProxyType({"injection": "it has no pressure solve that could take up the growing volumes"})
+    lacks = MappingProxyType({GROWTH: "it has no pressure solve that could take up the growing volumes"})
     largest_density_ratio = 100.0  # two layers at rest keep 1.1 % of rho g H; at 1:1000 particles pile up
     largest_density_ratio_full = 10.0  # liquids that change places in a full cavity gain energy at 1:30
     fields = (
@@ -80,40 +80,15 @@ class WCSPH(Scheme):
             self.density_ratio.fill(1.0)
 
     def expected_speed(self) -> float:
-        """Largest speed to be expected, m/s: start, free fall through the cavity, jolts, a turn of the eye, tension,
-        cohesion.
+        """Largest speed to be expected, m/s: of the start with what the effects add in energy, or of an effect.
 
         Without any of them it is the speed that the largest time step can follow.
         """
-        solver, speeds = self.solver, []
-        velocity = solver.particles.to_numpy("velocity").astype(float)
+        effects = self.solver.effects
+        velocity = self.solver.particles.to_numpy("velocity").astype(float)
         start = np.sqrt((velocity**2).sum(axis=1).max())
-        effects = {effect.name: effect for effect in solver.effects}
-        fall = 0.0
-        if "gravity" in effects:
-            gravity = effects["gravity"]
-            share = max(abs(1.0 - gravity.reference_density / liquid.density) for liquid in solver.liquids)
-            position = solver.particles.to_numpy("position").astype(float)
-            for posture in (gravity.parameters.posture, *(turn.to for turn in gravity.parameters.turns)):
-                up = -np.array(POSTURES[posture])[: solver.dimension]
-                bottom = (self.walls.position.to_numpy() @ up).min()
-                height = (position @ up).max() - bottom if np.any(up) else 0.0
-                fall = max(fall, share * gravity.parameters.magnitude * height)
-            speeds += [np.linalg.norm(jolt.acceleration) * jolt.duration * 2.0 / np.pi
-                       for jolt in gravity.parameters.jolts]
-        speeds.append(math.sqrt(start**2 + 2.0 * fall))
-        if "eye_rotation" in effects:  # the wall, which the liquid lags behind
-            speeds.append(0.5 * effects["eye_rotation"].parameters.peak * self.walls.extent)
-        if "interface_tension" in effects:
-            density = solver.liquids[0].density + solver.liquids[1].density
-            speeds.append(math.sqrt(effects["interface_tension"].coefficient * np.pi / (density * self.spacing)))
-        if "cohesion" in effects:  # its inner pressure, some 0.03 gamma rho^2 h, sets particles in motion
-            gammas = effects["cohesion"].parameters.coefficients(solver.settings)
-            strongest = max(g * liquid.density for g, liquid in zip(gammas, solver.liquids, strict=True))
-            speeds.append(math.sqrt(0.06 * strongest * solver.support_radius))
-        if "curvature" in effects:
-            speeds.append(math.sqrt(effects["curvature"].gamma * solver.support_radius))
-        largest = max(speeds)
+        fallen = math.sqrt(start**2 + 2.0 * sum(effect.expected_energy() for effect in effects))
+        largest = max((fallen, *(speed for effect in effects for speed in effect.expected_speeds())))
         return largest or self.numerics.courant_number * self.spacing / self.numerics.maximum_time_step
 
     @classmethod
@@ -125,6 +100,19 @@ class WCSPH(Scheme):
         numerics = settings.numerics
         return (chosen.acoustic_courant_number * 0.5 * numerics.support_ratio * numerics.particle_spacing
                 / chosen.sound_speed)
+
+    @classmethod
+    def expected_time_step_limit(cls, scales) -> Limit | None:
+        """Acoustic limit with the speed of sound as it is chosen: over the largest expected speed, an estimate."""
+        scene = scales.scene
+        parameters = scene.schemes.get(cls.name) or cls.Parameters()
+        if parameters.sound_speed is not None:
+            return None
+        sound = max((scales.speed, *scales.wave_speeds)) / MACH
+        length = 0.5 * (scene.numerics.support_ratio * scales.spacing)
+        limit = parameters.acoustic_courant_number * length / (sound + scales.speed) if sound else math.inf
+        return Limit(f"the scheme {cls.name}", limit,
+                     f"{ESTIMATE}sound at {sound:.3g} m/s, ten times the largest expected speed")
 
     @ti.kernel
     def _measure(self):

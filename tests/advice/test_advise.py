@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from pipeline.advice.dimensionless_numbers import Scales, shown
+from pipeline.advice.dimensionless_numbers import Scales
 from pipeline.advice.report import html_of, json_of, report_of, text_of
 from pipeline.advice.rules import NOTE, SEEN_EFFECT, WARNING
 from pipeline.advise import main
@@ -19,6 +19,7 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_volume
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
+from sim.advice import shown
 from sim.effects import REGISTRY
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits

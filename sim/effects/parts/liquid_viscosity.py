@@ -21,6 +21,13 @@ def without_viscosity(settings) -> str:
         "the dynamic viscosity of every liquid is 0 Pa s")
 
 
+def explicit_limit(settings) -> float:
+    """Time step of an explicit viscous force, 0.125 dx^2 rho / mu of the stiffest liquid, s."""
+    limits = [0.125 * settings.numerics.particle_spacing**2 * liquid.density / liquid.dynamic_viscosity
+              for liquid in settings.liquids if liquid.dynamic_viscosity > 0.0]
+    return min(limits, default=float("inf"))
+
+
 @ti.data_oriented
 class LiquidViscosity:
     """Dynamic viscosities of the particles of a solver; an effect that measures them declares `fields`."""

@@ -19,7 +19,7 @@ import math
 import numpy as np
 import taichi as ti
 
-from sim.effects.effect import Effect
+from sim.effects.effect import MIXES, Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.reductions import blocks, first, largest_of, last, partial_results
@@ -41,6 +41,7 @@ class Mixing(Effect):
         Field("exchange_rate", "scalar", "1/s", "largest share of a liquid that leaves the particle, per time"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
+    does = frozenset({MIXES})
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

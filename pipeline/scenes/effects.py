@@ -1,0 +1,27 @@
+"""What one of the effects of a scene knows, whichever it is."""
+from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
+
+SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
+
+
+def said_by_an_effect(scene: Scene, hook: str) -> object | None:
+    """Return what the first effect that knows it says in a hook that takes its parameters; None where none does."""
+    said = (getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
+    return next((one for one in said if one is not None), None)
+
+
+def effects_that(scene: Scene, declaration: str) -> list[str]:
+    """Return the names of the effects of a scene that declare something, such as `turns_eye`."""
+    return [name for name in scene.effects if getattr(REGISTRY[name], declaration)]
+
+
+def does(scene: Scene, what: str) -> bool:
+    """Whether an effect of a scene does something, in the words of ``sim.effects.effect``."""
+    return any(what in REGISTRY[name].does for name in scene.effects)
+
+
+def droplets_of(scene: Scene) -> int | None:
+    """Return the phase index of the liquid that is oil in droplets; None in a scene that makes none."""
+    name = said_by_an_effect(scene, "droplet_liquid")
+    return None if name is None else [liquid.name for liquid in scene.liquids].index(name)
