@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.base import energies
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.tables import write_table
@@ -66,14 +67,14 @@ def center_of_mass(state):
 
 @metric("J", "kinetic energy of the liquids")
 def kinetic_energy(state):
-    return 0.5 * np.sum(state.mass * np.sum(state.frame.velocity.astype(float)**2, axis=1))
+    return energies.kinetic_energy(state.mass, state.frame.velocity)
 
 
 @metric("J", "potential energy of the liquids, 0 when their center of mass is in the center of the eye, or at the "
              "lower corner of the container")
 def potential_energy(state):
     gravity = state.frame.gravity[:state.frame.dimension]
-    return -np.sum(state.mass * (state.frame.position.astype(float) @ gravity))
+    return energies.potential_energy(state.mass, state.frame.position, gravity)
 
 
 @metric("mm/s", "root mean square and largest speed of the particles")

@@ -3,6 +3,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.base.energies import kinetic_energy, potential_energy
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.blocks import contains
 from pipeline.scenes.model import Block, Scene
@@ -86,8 +87,8 @@ def frame_of(scene: Scene, solver, statistics: dict[str, float]) -> FrameData:
     velocity = np.zeros((len(mass), 3), dtype=arrays["velocity"].dtype)
     velocity[:, :dimension] = arrays["velocity"]
     energies = {
-        "kinetic_energy": 0.5 * float(mass @ (arrays["velocity"].astype(float) ** 2).sum(1)),
-        "potential_energy": -float(mass @ (arrays["position"].astype(float) @ gravity[:dimension])),
+        "kinetic_energy": kinetic_energy(mass, arrays["velocity"]),
+        "potential_energy": potential_energy(mass, arrays["position"], gravity[:dimension]),
         "compression_maximum": float(arrays["compression_rate"].max()),
     }
     return FrameData(

@@ -18,7 +18,6 @@ from sim.effects import REGISTRY
 from sim.errors import RunError
 from sim.packing import pack
 from sim.parameters import parameter
-from sim.schemes.wcsph import WCSPHParameters
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import Solver
 from sim.time_step import known_limits
@@ -35,7 +34,7 @@ _NUMERICS = {field.name: field.metadata for field in dataclasses.fields(Numerics
 class TankParameters:
     """What every family of tanks has in common."""
 
-    scheme: str = parameter("volume_incompressible", choices=_NUMERICS["scheme"]["choices"],
+    scheme: str = parameter(Numerics.scheme, choices=_NUMERICS["scheme"]["choices"],
                             meaning="pressure solve and time integration")
     kernel: str = parameter("wendland_c2", choices=_NUMERICS["kernel"]["choices"], meaning="smoothing kernel")
     support_ratio: float = parameter(3.0, minimum=2.0, maximum=4.0,
@@ -120,16 +119,14 @@ def scene_solver(case: TankParameters, scene, spacing: float) -> Solver:
 def changed(case: TankParameters, settings: Settings) -> Settings:
     """The settings of a case with its factors on tolerances and time step.
 
-    The time step is bounded by its smallest limit that is known before the run times the factor; WCSPH chooses its
-    speed of sound later, and has a Courant number of its own.
+    The time step is bounded by its smallest limit that is known before the run times the factor; a scheme that chooses
+    a limit later has a factor of its own.
     """
     numerics, scheme = settings.numerics, settings.scheme
     step = numerics.maximum_time_step
     if case.time_step_factor != 1.0:
         step = case.time_step_factor * min(known_limits(settings).values())
-        if case.scheme == "wcsph":
-            scheme = WCSPHParameters(acoustic_courant_number=case.time_step_factor
-                                     * WCSPHParameters().acoustic_courant_number)
+        scheme = settings.scheme_class.with_longer_steps(scheme, case.time_step_factor)
     return dataclasses.replace(settings, scheme=scheme, numerics=dataclasses.replace(
         numerics, maximum_time_step=step, pressure_tolerance=case.tolerance_factor * numerics.pressure_tolerance,
         viscosity_tolerance=case.tolerance_factor * numerics.viscosity_tolerance))

@@ -94,6 +94,11 @@ class Scheme(abc.ABC):
         return None
 
     @classmethod
+    def with_longer_steps(cls, parameters, factor: float):
+        """Parameters with a limit of the time step, known with the start only, times a factor; None: the defaults."""
+        return parameters
+
+    @classmethod
     def variant(cls, settings: "Settings") -> type["Scheme"]:
         """Class that runs a scene: a scheme may solve a full cavity and a free surface differently."""
         return cls

@@ -102,6 +102,12 @@ class WCSPH(Scheme):
                 / chosen.sound_speed)
 
     @classmethod
+    def with_longer_steps(cls, parameters, factor: float) -> WCSPHParameters:
+        parameters = parameters or cls.Parameters()
+        return dataclasses.replace(parameters,
+                                   acoustic_courant_number=factor * parameters.acoustic_courant_number)
+
+    @classmethod
     def expected_time_step_limit(cls, scales) -> Limit | None:
         """Acoustic limit with the speed of sound as it is chosen: over the largest expected speed, an estimate."""
         scene = scales.scene

@@ -15,7 +15,7 @@ from pipeline.advice.dimensionless_numbers import Scales
 from pipeline.advice.report import html_of, json_of, report_of, text_of
 from pipeline.advice.rules import NOTE, SEEN_EFFECT, WARNING
 from pipeline.advise import main
-from pipeline.base.digest import modules_used
+from pipeline.base.digest import code_used, modules_used
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_volume
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
@@ -384,6 +384,29 @@ def test_advice_does_not_make_a_simulation_run_again():
     assert not any(path.startswith(("pipeline/advise.py", "pipeline/advice/")) for path in simulated)
     advised = {str(path.relative_to(ROOT)) for path in modules_used("pipeline.advise", {"viscosity"})}
     assert {"pipeline/advise.py", "pipeline/advice/rules.py", "sim/effects/viscosity.py"} <= advised
+
+
+@pytest.mark.parametrize(("old", "new", "again"), [
+    ("is missing and would be seen: {cause}", "is missed: {cause}", {"pipeline.advise"}),  # a sentence
+    ("and turns must not overlap", "and turns follow each other", {"pipeline.advise"}),  # of a check
+    ("s**3 * (10.0", "s**3 * (11.0", {"pipeline.advise", "pipeline.simulate", "pipeline.metrics"}),  # a force
+])
+def test_a_new_sentence_of_an_effect_simulates_nothing_again(tmp_path, monkeypatch, old, new, again):
+    for package in ("pipeline", "sim"):
+        shutil.copytree(ROOT / package, tmp_path / package)
+    monkeypatch.setattr("pipeline.base.digest.ROOT", tmp_path)
+    stages = ("pipeline.advise", "pipeline.simulate", "pipeline.metrics", "pipeline.voxelize", "pipeline.reconstruct")
+    before = {stage: code_used(stage, {"gravity"}) for stage in stages}
+    path = tmp_path / "sim" / "effects" / "gravity.py"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    assert {stage for stage in stages if code_used(stage, {"gravity"}) != before[stage]} == again
+    # Those of other scenes do not depend on it, but for what can be said of its absence.
+    path.write_text(text)
+    before = {stage: code_used(stage, {"viscosity"}) for stage in stages}
+    path.write_text(text.replace(old, new))
+    assert {stage for stage in stages if code_used(stage, {"viscosity"}) != before[stage]} == {"pipeline.advise"}
 
 
 def test_simulation_prints_the_advice_first(scene, tmp_path):
