@@ -20,7 +20,6 @@ from pipeline.scenes.effects import droplets_of
 from pipeline.surfaces.surface_files import read_section, read_surface, surface_path
 
 HEADER, FOOTER = 0.125, 0.115       # of the height
-WATERS = ("aqueous", "water", "balanced_salt_solution")
 
 
 class Renderer:
@@ -41,7 +40,8 @@ class Renderer:
         self.top, self.bottom = round(HEADER * height), round((1.0 - FOOTER) * height)
         self.split = width // 2 if eye_surface is not None else width
         liquids = [liquid.name for liquid in scene.liquids]
-        self.water = next((name for name in liquids if name in WATERS), liquids[0] if len(liquids) > 1 else None)
+        clear = (liquid.name for liquid in scene.liquids if liquid.clear)
+        self.water = next(clear, liquids[0] if len(liquids) > 1 else None)
         self.droplets = droplets_of(scene)
         self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
         self.panel = None

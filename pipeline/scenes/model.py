@@ -80,6 +80,7 @@ class Material(Liquid):
     """A named liquid of ``config/materials.yaml`` with the scene's changes."""
 
     color: str = parameter("#9ecae1", meaning="color in pictures, as #rrggbb")
+    clear: bool = parameter(False, meaning="clear liquid that fills an eye: pictures show the others in it")
     source: str = parameter("", meaning="where the numbers come from")
 
 

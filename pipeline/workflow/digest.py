@@ -12,24 +12,25 @@ from pipeline.scenes.model import Scene
 
 WORDS = ("title", "description", "label")
 PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
+LOOKS = ("liquids.color", "liquids.clear", "liquids.source")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "advise": ("description", "label", *PICTURE, "liquids.color", "liquids.source"),
-    "estimate": ("description", "label", "liquids.color", "liquids.source"),
-    "cost": ("description", "label", "liquids.color", "liquids.source"),
+    "advise": ("description", "label", *PICTURE, *LOOKS),
+    "estimate": ("description", "label", *LOOKS),
+    "cost": ("description", "label", *LOOKS),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
             "liquids"),
-    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", "liquids.color", "liquids.source"),
-    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids.color", "liquids.source"),
+    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", *LOOKS),
+    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS),
     "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "schemes", "output.duration",
-                    "output.image_size", "liquids.color", "liquids.source"),
+                    "output.image_size", *LOOKS),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
-               "liquids.color", "liquids.source"),
+               *LOOKS),
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
     "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
-                "liquids.color", "liquids.source"),
+                *LOOKS),
 }
 
 
