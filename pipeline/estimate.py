@@ -15,7 +15,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.advice.dimensionless_numbers import shown
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
@@ -28,6 +27,7 @@ from pipeline.scenes.devices import HELP, chosen_device
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.threads import solver_threads
+from sim.advice import shown
 from sim.cores import available_cores
 
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "

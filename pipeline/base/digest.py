@@ -57,7 +57,7 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
     module : dotted name.
     chosen : names of the effects and schemes that the scene calls for (:data:`CHOICES`).
     """
-    found, waiting = {}, [module]
+    found, waiting, read = {}, [module], set()
     while waiting:
         name = waiting.pop()
         path = _file(name)
@@ -73,11 +73,14 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
             continue
         found[name] = path
         for imported in _imports(path):
+            if imported in ADVICE and name.startswith("pipeline."):
+                read.add(imported)
             runs = (name.startswith("sim.") and name not in NAMES_ONLY) or name in ASKING
             if imported not in CHOICES or runs:
                 waiting.append(INSTEAD.get(imported, imported))
-    silent = ADVICE[0] not in found
-    return sorted(path for name, path in found.items() if not (silent and name in ADVICE))
+    if ADVICE[0] not in found:
+        found = {name: path for name, path in found.items() if name not in ADVICE or name in read}
+    return sorted(found.values())
 
 
 def _file(name: str) -> Path | None:

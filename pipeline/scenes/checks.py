@@ -53,10 +53,9 @@ def _asked(function: Callable[..., Found], parts: Mapping[str, object]) -> Found
 def _of_effects(parts: Mapping[str, object], about: str = "") -> Found:
     """Yield the errors of the checks of effects (`Effect.checks`), of those only that ask for a part, if named."""
     for name, function in _TOLD.items():
-        if name not in parts:
-            with contextlib.suppress(NotRead):
-                value = list(_asked(function, parts))
-                parts = parts | {name: value[0]} if value else parts
+        known = [] if name in parts else list(_asked(function, parts))
+        if known:
+            parts = parts | {name: known[0]}
     for name, parameters in parts.get("effects", {}).items():
         for function in REGISTRY[name].checks:
             if not about or about in inspect.signature(function).parameters:
