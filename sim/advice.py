@@ -49,7 +49,7 @@ class Limit:
     meaning: str
 
 
-Said = Iterator[Advice]
+Sentences = Iterator[Advice]
 
 
 def shown(value: float, unit: str) -> str:
@@ -71,20 +71,20 @@ def is_seen(reach: float, scales) -> bool:
     return reach >= SEEN * scales.spacing
 
 
-def if_zero(effect: str, parameters, key: str, unit: str) -> Said:
+def if_zero(effect: str, parameters, key: str, unit: str) -> Sentences:
     """Warn of an effect whose coefficient is zero."""
     if getattr(parameters, key) == 0.0:
         yield Advice(WARNING, effect, f"does nothing: its {key} is 0 {unit}, not above 0")
 
 
-def if_alone(effect: str, scales) -> Said:
+def if_alone(effect: str, scales) -> Sentences:
     """Warn of an effect between two liquids where there is one only."""
     if len(scales.liquids) == 1:
         yield Advice(WARNING, effect, "cannot be seen: it acts between 2 liquids, but 1 is ever in the cavity, "
                                       f"{scales.liquids[0].name}")
 
 
-def without_unit(effect: str, parameters, key: str) -> Said:
+def without_unit(effect: str, parameters, key: str) -> Sentences:
     """Note that a coefficient of a force is no tension."""
     value = getattr(parameters, key)
     if value:

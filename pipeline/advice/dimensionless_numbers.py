@@ -44,7 +44,7 @@ class Scales:
         """Whether an effect of the scene does something (``sim.effects.effect``)."""
         return any(what in effect.does for effect, _ in self.effects)
 
-    def _said(self, hook: str) -> list:
+    def _yielded_by(self, hook: str) -> list:
         """All that the effects of the scene yield in a hook."""
         return [one for effect, parameters in self.effects for one in getattr(effect, hook)(parameters, self)]
 
@@ -73,7 +73,7 @@ class Scales:
     @property
     def wave_speeds(self) -> list[float]:
         """Speeds beside :attr:`speeds` that a compressible liquid has to be fast against, m/s."""
-        return self._said("wave_speeds")
+        return self._yielded_by("wave_speeds")
 
     @functools.cached_property
     def filled_volume(self) -> float:
@@ -121,12 +121,12 @@ class Scales:
         """Speeds that the scene can give its liquids, m/s; each is an estimate from above."""
         start = max((math.hypot(*block.velocity) for block in self.scene.blocks), default=0.0)
         found = [Quantity("start", start, "m/s", "largest speed of a block at the start")] if start else []
-        return found + self._said("speeds")
+        return found + self._yielded_by("speeds")
 
     @functools.cached_property
     def wall_speeds(self) -> list[Quantity]:
         """Speeds of the wall that do not count as speeds of the liquids, m/s."""
-        return self._said("wall_speeds")
+        return self._yielded_by("wall_speeds")
 
     @property
     def speed(self) -> float:

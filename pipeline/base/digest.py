@@ -17,9 +17,9 @@ WITHOUT_INFLUENCE = ("pipeline.base.cli", "pipeline.base.errors", "pipeline.base
 # What is said of a scene before it is run counts for the modules that end in words, by the first of these, no others:
 # they know neither these files, nor the hooks of effects and schemes that are read by them, nor their checks.
 ADVICE = ("pipeline.advice.rules", "sim.advice", "sim.effects.parts.viscous_advice")
-SAID = ("advice", "speeds", "wall_speeds", "omitted_acceleration", "numbers", "time_scales", "wave_speeds",
+SPEAKING_HOOKS = ("advice", "speeds", "wall_speeds", "omitted_acceleration", "numbers", "time_scales", "wave_speeds",
         "expected_time_step_limit")
-SAID_PREFIXES = ("_advice", "_check")
+SPEAKING_PREFIXES = ("_advice", "_check")
 BESIDE_ITS_WORK = {"pipeline.simulate": "pipeline.advice.report"}  # what a stage prints first
 # How a scene was read does not matter beside its values, which the digest holds.
 INSTEAD = {"pipeline.scenes.load": "pipeline.scenes.model"}
@@ -45,8 +45,8 @@ def shortened(*texts: str) -> str:
 def code_used(module: str, chosen: Iterable[str] = ()) -> str:
     """Return the paths and the code of all that :func:`modules_used` names."""
     used = modules_used(module, chosen)
-    says = _file(ADVICE[0]) in used
-    return "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, says)}\n" for path in used)
+    speaks = _file(ADVICE[0]) in used
+    return "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, speaks)}\n" for path in used)
 
 
 def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
@@ -97,14 +97,14 @@ def _imports(path: Path) -> Iterable[str]:
     return _parsed(path.read_text(encoding="utf-8"))[0]
 
 
-def _meaning(path: Path, says: bool) -> str:
-    """The code of a file without comments, docstrings and layout, and without what it says of a scene unless `says`."""
+def _meaning(path: Path, speaks: bool) -> str:
+    """The code of a file without comments, docstrings and layout; what only speaks counts if `speaks`."""
     choice = any(path.is_relative_to(ROOT.joinpath(*package.split("."))) for package in CHOICES)
-    return _parsed(path.read_text(encoding="utf-8"), says or not choice)[1]
+    return _parsed(path.read_text(encoding="utf-8"), speaks or not choice)[1]
 
 
 @functools.cache  # a study of a hundred cases asks for the same files a hundred times
-def _parsed(code: str, says: bool = True) -> tuple[tuple[str, ...], str]:
+def _parsed(code: str, speaks: bool = True) -> tuple[tuple[str, ...], str]:
     """What ``_imports`` and ``_meaning`` say of the code of a file."""
     tree, imports = ast.parse(code), []
     for node in ast.walk(tree):
@@ -117,7 +117,7 @@ def _parsed(code: str, says: bool = True) -> tuple[tuple[str, ...], str]:
                 imports.append(node.module)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
-        if isinstance(node, ast.Module | ast.ClassDef) and not says:
+        if isinstance(node, ast.Module | ast.ClassDef) and not speaks:
             node.body = [one for one in node.body if not (isinstance(one, ast.FunctionDef) and (
-                one.name in SAID or one.name.startswith(SAID_PREFIXES)))]
+                one.name in SPEAKING_HOOKS or one.name.startswith(SPEAKING_PREFIXES)))]
     return tuple(imports), ast.dump(tree)

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.coverage import WallContact
-from pipeline.scenes.effects import droplets_of, said_by_an_effect
+from pipeline.scenes.effects import droplets_of, known_by_an_effect
 from pipeline.scenes.model import Scene
 
 MIXED = (0.05, 0.95)    # volume fractions of oil between which liquid counts as mixed
@@ -30,7 +30,7 @@ class Measured:
     @functools.cached_property
     def oil(self) -> int:
         """Phase index of the oil: the most viscous liquid, of those that form an interface."""
-        oil = said_by_an_effect(self.scene, "interface_oil")
+        oil = known_by_an_effect(self.scene, "interface_oil")
         if oil is not None:
             return [liquid.name for liquid in self.scene.liquids].index(oil)
         return int(np.argmax([liquid.dynamic_viscosity for liquid in self.scene.liquids]))
@@ -77,7 +77,7 @@ class Measured:
     @property
     def contact_angle(self) -> float | None:
         """Contact angle at the wall, measured through the liquid that is not the oil, rad; None without tension."""
-        angle = said_by_an_effect(self.scene, "contact_angle_of")
+        angle = known_by_an_effect(self.scene, "contact_angle_of")
         if angle is None:
             return None
         through_first = np.radians(angle)

@@ -52,7 +52,7 @@ def _asked(function: Callable[..., Found], parts: Mapping[str, object]) -> Found
 
 def _of_effects(parts: Mapping[str, object], about: str = "") -> Found:
     """Yield the errors of the checks of effects (`Effect.checks`), of those only that ask for a part, if named."""
-    for name, function in _TOLD.items():
+    for name, function in _SERVICES.items():
         known = [] if name in parts else list(_asked(function, parts))
         if known:
             parts = parts | {name: known[0]}
@@ -87,7 +87,7 @@ def _fill(initial: Initial, start_from: str | None, container: Container | None,
         yield fill
 
 
-_TOLD = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
+_SERVICES = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
 
 
 # What a scene must have in common with the one whose last checkpoint it starts from, as error messages show it.

@@ -1,14 +1,14 @@
-"""What one of the effects of a scene knows, whichever it is."""
+"""What the effects of a scene know and declare, whichever they are."""
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
 SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
 
 
-def said_by_an_effect(scene: Scene, hook: str) -> object | None:
-    """Return what the first effect that knows it says in a hook that takes its parameters; None where none does."""
-    said = (getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
-    return next((one for one in said if one is not None), None)
+def known_by_an_effect(scene: Scene, hook: str) -> object | None:
+    """Return what the first effect that knows it gives in a hook that takes its parameters; None where none does."""
+    answers = (getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
+    return next((one for one in answers if one is not None), None)
 
 
 def effects_that(scene: Scene, declaration: str) -> list[str]:
@@ -23,5 +23,5 @@ def does(scene: Scene, what: str) -> bool:
 
 def droplets_of(scene: Scene) -> int | None:
     """Return the phase index of the liquid that is oil in droplets; None in a scene that makes none."""
-    name = said_by_an_effect(scene, "droplet_liquid")
+    name = known_by_an_effect(scene, "droplet_liquid")
     return None if name is None else [liquid.name for liquid in scene.liquids].index(name)

@@ -49,6 +49,7 @@ class Effect:
     traces : liquids of it that have no interface of their own, for they are too little.
     inside : parameters that are points inside the cavity.
     turns_eye : whether the wall moves in the head.
+    reference_density : whose weight it takes out of the solve, kg/m^3.
     solves : name of the iterative solve that it adds, in statistics; empty without one.
     checks : functions that yield the key and the message of what is wrong in a scene. Their arguments name what they
         look at: `parameters`, the fields of a scene, `closed`, `bulk_liquids`, and `fill` with `begins`
@@ -71,6 +72,7 @@ class Effect:
     traces: int = 0
     inside: tuple[str, ...] = ()
     turns_eye: bool = False
+    reference_density: float = 0.0
     solves: str = ""
     checks: tuple[Callable[..., Iterator[tuple[tuple, str]]], ...] = ()
     measures: tuple[Measure, ...] = ()
@@ -232,8 +234,6 @@ class Effect:
     def down_at(self, time: float) -> np.ndarray | None:
         """Direction (3,) of that."""
         return None
-
-    reference_density: float = 0.0  # kg/m^3, whose weight is taken out of the solve
 
     def largest_acceleration(self) -> float:
         """Largest acceleration that it gives any liquid before the first step, m/s^2."""

@@ -1,7 +1,7 @@
 """What the effects that apply the shear stress say of a scene: in which layer of which liquid they act."""
 from collections.abc import Iterator, Sequence
 
-from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, Said, is_seen, smallest, times
+from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, Sentences, is_seen, smallest, times
 from sim.effects.parts.liquid_viscosity import explicit_limit
 
 # Waves of the interface lose a fraction of about 5 Oh of their height per radian (Lamb: damping 5 nu/R2 of a drop).
@@ -28,7 +28,7 @@ def is_felt(scales) -> bool:
     return not nothing_moves(scales) and is_seen(_thickest(scales)[1], scales)
 
 
-def acting(name: str, scales) -> Said:
+def acting(name: str, scales) -> Sentences:
     """Say in which layers an effect acts that a scene has."""
     liquid, layer = _thickest(scales)
     if nothing_moves(scales):
@@ -45,7 +45,7 @@ def acting(name: str, scales) -> Said:
                                          f"{times(layer, scales)}")
 
 
-def rightly_missing(name: str, scales) -> Said:
+def rightly_missing(name: str, scales) -> Sentences:
     """Note that viscosity would not be seen in a scene without it."""
     liquid, layer = _thickest(scales)
     if not nothing_moves(scales) and not is_seen(layer, scales):
@@ -53,7 +53,7 @@ def rightly_missing(name: str, scales) -> Said:
                                  "at most")
 
 
-def missing(name: str, scales) -> Said:
+def missing(name: str, scales) -> Sentences:
     """Warn of the lack of an effect in a scene that would feel it."""
     if not is_felt(scales):
         return
