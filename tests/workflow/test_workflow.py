@@ -237,7 +237,7 @@ def test_resolved_scene_follows_its_file(project):
 def test_edited_code_runs_its_stages_again(finished, can_draw):
     code_folder = finished.own_code("pipeline")
     try:
-        for name in ("metrics_table.py", "movie.py"):
+        for name in ("measures/summary.py", "movie.py"):
             (code_folder / name).write_text((code_folder / name).read_text() + "\nADDED = 1\n")
         code, output = finished.snakemake("-n", *targets(can_draw))
     finally:
