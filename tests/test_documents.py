@@ -15,7 +15,7 @@ import pytest
 from sim.effects import REGISTRY as EFFECTS
 from sim.schemes import REGISTRY as SCHEMES
 
-ROOT = Path(__file__).parents[1]
+ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
 METHODS = ROOT / "docs" / "methods"
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
 FOLDERS = ("sim", "pipeline", "tests", "benchmarks", "config", "rules", "docs", "profiles")
