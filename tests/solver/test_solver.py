@@ -303,3 +303,16 @@ print("same bits:", same)
                             env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)}, cwd=Path(__file__).parents[2])
     assert "refused: there are" in result.stdout and "going on from 0 s with more room" in result.stdout
     assert "same bits: True" in result.stdout, result.stdout
+
+
+def test_jolt_throws_the_liquid_against_it(bare):
+    """Seen from a head that is pushed up, everything is pulled down, by half a sine in time: 2/pi of its peak."""
+    from sim.effects.gravity import Jolt
+
+    parameters = cavities.parameters("gravity", jolts=(Jolt(1.0, (3.0, 20.0, 0.0), 0.1),))
+    gravity = REGISTRY["gravity"](parameters, bare[0])
+    np.testing.assert_allclose(gravity.at(1.05), [-3.0, -29.81])
+    for time in (0.5, 1.0, 1.1, 2.0):
+        np.testing.assert_allclose(gravity.at(time), [0.0, -9.81], atol=1e-12)
+    change = np.mean([gravity.at(time) for time in np.linspace(1.0, 1.1, 1001)], axis=0) - gravity.at(0.0)
+    np.testing.assert_allclose(change, np.array([-3.0, -20.0]) * 2.0 / np.pi, rtol=2e-3)
