@@ -201,24 +201,33 @@ def test_movie_lasts_as_long_as_its_pictures(tmp_path):
     assert about["fps"] == pytest.approx(8.0) and about["duration"] == pytest.approx(1.5)
 
 
+def corner_of_gravity(gravity):
+    """Return rows and columns of the ink in the corner of a section where gravity is shown, without the words."""
+    from pipeline.section_panel import Eye, SectionPanel
+
+    axis, size = 1e-3 * np.arange(-14, 15), 500
+    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
+                         (size, size))
+    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
+    return np.nonzero((pixels[:round(0.14 * size), round(0.83 * size):round(0.95 * size)] < 100).all(axis=-1))
+
+
 @pytest.mark.parametrize(("gravity", "right", "down"), [
     ((0.0, -9.81, 0.0), 0, 1), ((0.0, 9.81, 0.0), 0, -1), ((0.0, 0.0, -9.81), 1, 0), ((0.0, 0.0, 9.81), -1, 0)],
     ids=["upright", "head down", "supine", "prone"])
 def test_arrow_points_where_gravity_does(gravity, right, down):
     """Superior is up and posterior is right; the head of the arrow has more ink than its tail."""
-    from pipeline.section_panel import Eye, SectionPanel
-
-    axis = 1e-3 * np.arange(-14, 15)
-    size = 500
-    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
-                         (size, size))
-    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
-    corner = pixels[:round(0.14 * size), round(0.83 * size):round(0.95 * size)]  # above the words
-    rows, columns = np.nonzero((corner < 100).all(axis=-1))
+    rows, columns = corner_of_gravity(gravity)
     assert len(rows) > 100
     for places, towards in ((columns, right), (rows, down)):
         middle = 0.5 * (places.min() + places.max())
         assert np.sign(round((places.mean() - middle) / 2.0)) == towards
+
+
+def test_gravity_across_the_section_is_a_dot_toward_the_reader_and_a_cross_away():
+    """The reader looks from the patient's left, where a patient on the left side falls to; a cross has more ink."""
+    left, right = (len(corner_of_gravity((x, 0.0, 0.0))[0]) for x in (9.81, -9.81))
+    assert left > 100 and right > left + 50
 
 
 def test_color_bar_names_each_liquid_at_the_end_of_its_color(run_folder, tmp_path):
