@@ -1,5 +1,6 @@
 """Metrics agree with closed forms, and each becomes a column, a plot and a row of the report."""
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -395,8 +396,6 @@ def test_damaged_table_is_named(tmp_path, text):
 
 
 def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
-    import re
-
     metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_000", "segment_001")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
     table, page = read_table(run_folder / "metrics.csv"), (run_folder / "metrics.html").read_text()

@@ -13,7 +13,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.pictures import opengl
 from pipeline.pictures.eye_view import FREE_COLOR, TOUCH_COLOR, peel
-from pipeline.pictures.section_panel import COLORS, posture
+from pipeline.pictures.section_panel import COLORS, Eye, SectionPanel, posture
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_scene
 from pipeline.surfaces.liquid_surface import Reconstructor
@@ -203,8 +203,6 @@ def test_movie_lasts_as_long_as_its_pictures(tmp_path):
 
 def corner_of_gravity(gravity):
     """Return rows and columns of the ink in the corner of a section where gravity is shown, without the words."""
-    from pipeline.section_panel import Eye, SectionPanel
-
     axis, size = 1e-3 * np.arange(-14, 15), 500
     panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
                          (size, size))

@@ -21,6 +21,7 @@ from pipeline.cavity.container import block_lattice, container_arrays
 from pipeline.metrics import isolated
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.simulation import solver_setup
 from pipeline.simulation.solver_setup import initial_phases, initial_velocity
 from pipeline.surfaces.contour import contour, enclosed_volumes
 from pipeline.surfaces.contour_lines import contour_lines, enclosed_areas
@@ -467,16 +468,13 @@ def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsy
 
 
 def test_frame_holds_velocities_energies_and_the_gravity_of_its_time(taichi, write):
-    from pipeline.simulate import build_solver
-    from pipeline.simulate import frame_of as frame_of_solver
-
     turns = "effects: {gravity: {turns: [{start: 1 s, to: left_side, duration: 1 s}]}}"
     scene = load_scene(write(f"extends: base\n{turns}\n"), "draft")
-    solver = build_solver(scene, container_arrays(scene))
+    solver = solver_setup.build_solver(scene, container_arrays(scene))
     solver.prepare_output()
-    first = frame_of_solver(scene, solver, {})
+    first = solver_setup.frame_of(scene, solver, {})
     solver.time = 3.0
-    later = frame_of_solver(scene, solver, {"time_step": 0.5})
+    later = solver_setup.frame_of(scene, solver, {"time_step": 0.5})
     np.testing.assert_allclose(first.gravity, [0.0, -9.81, 0.0], atol=1e-12)
     np.testing.assert_allclose(later.gravity, [9.81, 0.0, 0.0], atol=1e-12)
     assert (first.time, later.time) == (0.0, 3.0) and later.statistics["time_step"] == 0.5

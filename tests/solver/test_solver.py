@@ -11,7 +11,7 @@ import pytest
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
 from sim.effects import REGISTRY
-from sim.effects.gravity import POSTURES, Turn, rotate_towards
+from sim.effects.gravity import POSTURES, Jolt, Turn, rotate_towards
 from sim.errors import OutOfRoom, RunError
 from sim.solver import CHANGE, SPEED, Divergence
 
@@ -307,8 +307,6 @@ print("same bits:", same)
 
 def test_jolt_throws_the_liquid_against_it(bare):
     """Seen from a head that is pushed up, everything is pulled down, by half a sine in time: 2/pi of its peak."""
-    from sim.effects.gravity import Jolt
-
     parameters = cavities.parameters("gravity", jolts=(Jolt(1.0, (3.0, 20.0, 0.0), 0.1),))
     gravity = REGISTRY["gravity"](parameters, bare[0])
     np.testing.assert_allclose(gravity.at(1.05), [-3.0, -29.81])

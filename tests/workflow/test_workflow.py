@@ -330,7 +330,7 @@ def test_simulation_runs_again_when_the_code_of_its_effects_changes(project, mon
     """And not for the code of others."""
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     assert "injection" in scene.effects and "drift" not in scene.effects
-    monkeypatch.setattr(digest, "ROOT", project.folder)
+    monkeypatch.setattr(code_digest, "ROOT", project.folder)
     before = digest.stage_digest("simulate", scene)
     effects = project.own_code("sim") / "effects"
     project.own_code("pipeline")
