@@ -238,3 +238,9 @@ def test_surface_survives_its_file(tmp_path):
     assert report["lens"] == "aphakic"
     with pytest.raises(UserError, match="the eye stage"):
         read_mesh(tmp_path / "missing.vtp")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1e-3), ("cm", 0.1), ("um", 1e3)])
+def test_mesh_is_taken_in_its_unit(eye, tmp_path, unit, factor):
+    mesh = import_mesh(exported(eye.copy().apply_scale(factor), tmp_path), unit).mesh
+    assert mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-5)

@@ -1,5 +1,6 @@
 """Metrics agree with closed forms, and each becomes a column, a plot and a row of the report."""
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -392,3 +393,14 @@ def test_damaged_table_is_named(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(UserError, match=r"a.csv: is"):
         read_table(tmp_path / "a.csv")
+
+
+def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
+    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_000", "segment_001")),
+                  "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
+    table, page = read_table(run_folder / "metrics.csv"), (run_folder / "metrics.html").read_text()
+    cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", row) for row in page.split("<tr>")) if row}
+    for name, column in (("wall coverage", "wall_coverage [%]"), ("time", "time [s]")):
+        numbers = table[column]
+        shown = [float(cell) for cell in cells[name][:4]]
+        assert shown == pytest.approx([numbers[0], numbers[-1], numbers.min(), numbers.max()], rel=1e-4)

@@ -21,6 +21,7 @@ from pipeline.cavity.container import block_lattice, container_arrays
 from pipeline.metrics import isolated
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.simulation import solver_setup
 from pipeline.simulation.solver_setup import initial_phases, initial_velocity
 from pipeline.surfaces.contour import contour, enclosed_volumes
 from pipeline.surfaces.contour_lines import contour_lines, enclosed_areas
@@ -464,3 +465,22 @@ def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsy
         capsys.readouterr().out)
     share = read_frame(find_frames(tmp_path)[-1]).statistics["pressure_limit_hit"]
     assert 0.0 < share <= 1.0
+
+
+def test_frame_holds_velocities_energies_and_the_gravity_of_its_time(taichi, write):
+    turns = "effects: {gravity: {turns: [{start: 1 s, to: left_side, duration: 1 s}]}}"
+    scene = load_scene(write(f"extends: base\n{turns}\n"), "draft")
+    solver = solver_setup.build_solver(scene, container_arrays(scene))
+    solver.prepare_output()
+    first = solver_setup.frame_of(scene, solver, {})
+    solver.time = 3.0
+    later = solver_setup.frame_of(scene, solver, {"time_step": 0.5})
+    np.testing.assert_allclose(first.gravity, [0.0, -9.81, 0.0], atol=1e-12)
+    np.testing.assert_allclose(later.gravity, [9.81, 0.0, 0.0], atol=1e-12)
+    assert (first.time, later.time) == (0.0, 3.0) and later.statistics["time_step"] == 0.5
+    oil = first.phase == 1
+    np.testing.assert_allclose(first.velocity, np.outer(oil, [0.0, 1.0, 0.0]), atol=1e-12)
+    density = scene.liquids[1].density
+    assert first.statistics["kinetic_energy"] == pytest.approx(0.5 * density * 0.38 * 0.4)
+    mass = first.volume * np.where(oil, density, scene.liquids[0].density)
+    assert first.statistics["potential_energy"] == pytest.approx(9.81 * mass @ first.position[:, 1])

@@ -227,3 +227,17 @@ def test_zero_tolerance_makes_exactly_the_iterations_asked_for(state):
     assert pressure_solver.solve(solver.scheme.pressure, weighted=False, step=1.0, tolerance=0.0,
                                  maximum_iterations=5)[0] == 5
     assert not cavities.read(solver, "pressure")[0].any()
+
+
+def test_growing_volumes_are_a_source_where_the_wall_is_too(circle):
+    """What grows asks for room around it, of wall particles as well, and the liquid answers for these."""
+    solver = cavities.injected(circle, "f64")
+    reference = Reference(solver)
+    rate = np.random.default_rng(7).normal(size=reference.count) * reference.volume
+    solver.particles.from_numpy("volume_rate", rate)
+    dt = 0.25
+    solver.scheme._set_velocity_right_side(dt)
+    found = solver.scheme.pressure_solver.right_side.to_numpy()[: reference.count] * dt
+    volume = np.concatenate([reference.volume, solver.walls.volume.to_numpy()])
+    expected = reference.extrapolation.T @ (volume * (reference.kernel[:, : reference.count] @ rate))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())

@@ -11,7 +11,7 @@ import pytest
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
 from sim.effects import REGISTRY
-from sim.effects.gravity import POSTURES, Turn, rotate_towards
+from sim.effects.gravity import POSTURES, Jolt, Turn, rotate_towards
 from sim.errors import OutOfRoom, RunError
 from sim.solver import CHANGE, SPEED, Divergence
 
@@ -303,3 +303,46 @@ print("same bits:", same)
                             env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)}, cwd=Path(__file__).parents[2])
     assert "refused: there are" in result.stdout and "going on from 0 s with more room" in result.stdout
     assert "same bits: True" in result.stdout, result.stdout
+
+
+def test_jolt_throws_the_liquid_against_it(bare):
+    """Seen from a head that is pushed up, everything is pulled down, by half a sine in time: 2/pi of its peak."""
+    parameters = cavities.parameters("gravity", jolts=(Jolt(1.0, (3.0, 20.0, 0.0), 0.1),))
+    gravity = REGISTRY["gravity"](parameters, bare[0])
+    np.testing.assert_allclose(gravity.at(1.05), [-3.0, -29.81])
+    for time in (0.5, 1.0, 1.1, 2.0):
+        np.testing.assert_allclose(gravity.at(time), [0.0, -9.81], atol=1e-12)
+    change = np.mean([gravity.at(time) for time in np.linspace(1.0, 1.1, 1001)], axis=0) - gravity.at(0.0)
+    np.testing.assert_allclose(change, np.array([-3.0, -20.0]) * 2.0 / np.pi, rtol=2e-3)
+
+
+def test_snapshot_lists_the_particles_by_their_numbers(bare, circle):
+    solver, at_rest = bare
+    solver.restore(at_rest)
+    assert (np.diff(solver.particles.to_numpy("id")) < 0).any()  # in memory they lie by cell
+    found = solver.snapshot()
+    np.testing.assert_array_equal(found["id"], np.arange(len(circle["fluid_position"])))
+    np.testing.assert_array_equal(found["position"], circle["fluid_position"])
+
+
+def test_first_step_follows_from_the_weight(circle):
+    """No acceleration has been measured yet: that of oil in aqueous is 35/970 of gravity."""
+    solver = cavities.build(circle, effects=(cavities.parameters("gravity", magnitude=150.0),), maximum_time_step=1.0)
+    assert solver.stable_time_step() == pytest.approx(0.5 * np.sqrt(cavities.SPACING / (150.0 * 35.0 / 970.0)))
+
+
+class Recorded(Scripted):
+    """A solver that takes two steps with known statistics."""
+
+    def advance(self, until):
+        for time_step, residual in ((1.0, 3.0), (2.0, 1.0)):
+            self.statistics = {"time_step": time_step, "residual_maximum": residual}
+            yield time_step
+
+    def check_finite(self):
+        pass
+
+
+def test_statistics_of_a_frame_are_means_and_the_largest_of_maxima():
+    found = Runner(Recorded(None)).advance({}, 1.0, lambda solver, dt: None)
+    assert found == {"time_step": 1.5, "residual_maximum": 3.0}

@@ -314,3 +314,26 @@ def pids_of(*words):
             if line.startswith("python") and all(str(word) in line for word in words):
                 found.append(int(entry))
     return found
+
+
+def test_every_segment_starts_where_the_one_before_ends(project):
+    tiny = (project.folder / "config/scenes/tiny.yaml").read_text()
+    project.write_scene("tiny", tiny.replace("duration: 0.2 s", "duration: 0.5 s"))
+    scene = load_scene(project.folder / "config/scenes/tiny.yaml", "draft")
+    assert scene.segment_count > 2
+    code, output = project.snakemake("-n", f"outputs/tiny/draft/checkpoints/segment_{scene.segment_count - 1:03d}.npz")
+    assert code == 0, output
+    assert planned(output)["simulate"] == scene.segment_count
+
+
+def test_simulation_runs_again_when_the_code_of_its_effects_changes(project, monkeypatch):
+    """And not for the code of others."""
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    assert "injection" in scene.effects and "drift" not in scene.effects
+    monkeypatch.setattr(code_digest, "ROOT", project.folder)
+    before = digest.stage_digest("simulate", scene)
+    effects = project.own_code("sim") / "effects"
+    project.own_code("pipeline")
+    for name, changes in (("drift", False), ("injection", True)):
+        (effects / f"{name}.py").write_text((effects / f"{name}.py").read_text() + "\nADDED = 1\n")
+        assert (digest.stage_digest("simulate", scene) != before) == changes
