@@ -94,7 +94,7 @@ def viscosity_iterations(state):
     return state.statistic("viscosity_iterations")
 
 
-@metric("%", "share of the time steps since the frame before in which a solve ended at numerics.maximum_iterations")
+@metric("%", "share of the time steps since the frame before in which a solve ended at its limit of iterations")
 def limit_hit(state):
     return {solve: 100 * state.statistic(f"{solve}_limit_hit") for solve in ("pressure", "viscosity")}
 

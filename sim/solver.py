@@ -1,4 +1,5 @@
 """The solver: built from settings and arrays, advanced in time, exported and restored bit by bit."""
+import dataclasses
 import math
 import time
 
@@ -7,6 +8,7 @@ import taichi as ti
 
 from sim import effects as effect_registry
 from sim import schemes
+from sim.accelerations import Accelerations
 from sim.diagnosis import Watcher, bad_number, described
 from sim.effect_selection import without_idle
 from sim.errors import OutOfRoom, RunError
@@ -31,6 +33,7 @@ BASE_FIELDS = (
 )
 
 SPEED, ACCELERATION, SQUARES, CHANGE = range(4)  # what `Solver.largest` holds
+STEP_NUMERICS = ("courant_number", "maximum_time_step", "minimum_time_step", "time_step")  # read before every step
 COINCIDENT_SHIFT = 0.01  # of a particle that starts where another one is, in particle spacings
 
 
@@ -112,6 +115,7 @@ class Solver:
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
             setattr(self, f"{hook}_effects",
                     [e for e in self.effects if e.overrides(hook) and hook not in e.unused_hooks])
+        self.accelerations = Accelerations(self, self.effects)
         self.prepare_rest_state()
 
     def _set_particles(self, position, volume, phase, velocity):
@@ -182,25 +186,7 @@ class Solver:
     @ti.kernel
     def _accelerate(self, dt: float):
         for i in range(self.count[None]):
-            a = self.velocity[i] * 0.0
-            for effect in ti.static(self.body_acceleration_effects):
-                a += effect.body_acceleration(i)
-            if ti.static(len(self.pair_acceleration_effects) > 0):
-                for slot in range(self.pairs.count[i]):
-                    k = self.pairs.entry(i, slot)
-                    j = self.pairs.index[k]
-                    x_ij = self.search.separation(self.position[i], self.position[j])
-                    for effect in ti.static(self.pair_acceleration_effects):
-                        a += effect.pair_acceleration(i, j, x_ij, self.pairs.gradient[k], self.pairs.weight[k])
-            if ti.static(len(self.wall_acceleration_effects) > 0):
-                for slot in range(self.wall_pairs.count[i]):
-                    k = self.wall_pairs.entry(i, slot)
-                    b = self.wall_pairs.index[k]
-                    x_ib = self.search.separation(self.position[i], self.walls.position[b])
-                    for effect in ti.static(self.wall_acceleration_effects):
-                        a += effect.wall_acceleration(i, b, x_ib, self.wall_pairs.gradient[k],
-                                                      self.wall_pairs.weight[k])
-            self.acceleration[i] = a
+            self.acceleration[i] = self.accelerations.of(i)
         for i in range(self.count[None]):
             self.velocity_at_start[i] = self.velocity[i]
             self.velocity[i] += dt * self.acceleration[i]
@@ -220,6 +206,20 @@ class Solver:
         limits.append(self.scheme.stable_time_step())
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
+
+    def set_time_steps(self, **values: float | None) -> None:
+        """Change numerics that are read before every step (`STEP_NUMERICS`); all others are compiled into kernels.
+
+        Raises
+        ------
+        ValueError
+            Another one is named.
+        """
+        if fixed := values.keys() - set(STEP_NUMERICS):
+            raise ValueError(f"{', '.join(sorted(fixed))} cannot change once the solver is built, only "
+                             f"{', '.join(STEP_NUMERICS)} can")
+        self.settings = dataclasses.replace(self.settings, numerics=dataclasses.replace(self.settings.numerics,
+                                                                                        **values))
 
     def _time_step(self) -> float:
         """The fixed time step or the largest stable one, s."""

@@ -80,9 +80,8 @@ class Tank:
 
     def set_numerics(self, **values: float) -> None:
         """Change numbers of the time step; without any, take the first ones again."""
-        numerics = dataclasses.replace(self._settings.numerics, **values)
-        self.solver.settings = dataclasses.replace(self._settings, numerics=numerics)
-        self.solver.scheme.numerics = numerics
+        self.solver.settings = self._settings
+        self.solver.set_time_steps(**values)
 
     def set_gravity(self, **values) -> None:
         """Change parameters of gravity."""

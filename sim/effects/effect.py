@@ -20,6 +20,7 @@ class Effect:
     Parameters : frozen dataclass of the parameters.
     fields : particle fields that this effect adds.
     uses : names of the fields of others that it reads or writes.
+    reads : limits of solves that it takes from the numerics (``sim.settings.Numerics``).
     requires : names of the effects that must be active too.
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
@@ -30,6 +31,7 @@ class Effect:
     Parameters: type
     fields: tuple[Field, ...] = ()
     uses: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
