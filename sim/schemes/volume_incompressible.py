@@ -60,7 +60,6 @@ class VolumeIncompressible(Scheme):
         self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum, solver.effects)
         self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
-        self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
         self.partial = partial_results(2)
@@ -89,12 +88,6 @@ class VolumeIncompressible(Scheme):
                 self.kernel_gradient_sum[i] = gradient
                 mean += total
             self.partial[0, block] = mean
-        for b in range(self.walls.count):
-            total = 0.0
-            for slot in range(self.wall_rows.count[b]):
-                k = self.wall_rows.entry(b, slot)
-                total += self.wall_rows.weight[k]
-            self.wall_compression[b] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.compression_mean[None] = total_of(self.partial, 0, n) / n
@@ -106,7 +99,7 @@ class VolumeIncompressible(Scheme):
 
     def set_rest_state(self) -> None:
         """Take the present compression of the wall rows as that of rest (packed start)."""
-        self.wall_compression_rest.copy_from(self.wall_compression)
+        self.wall_compression_rest.copy_from(self.operators.wall_weight)
 
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver
@@ -244,7 +237,7 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
-            error = self.wall_compression[b] - self.wall_compression_rest[b]
+            error = self.operators.wall_weight[b] - self.wall_compression_rest[b]
             self.operators.wall_value[b] = self.operators.over_wall_weight(b, error)
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
