@@ -3,7 +3,7 @@
 The metadata is the single source for validation (``pipeline.scene``), the JSON schema and the documentation.
 """
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -15,7 +15,7 @@ def parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     exclusive_minimum: float | None = None,
-    choices: Sequence[str] | None = None,
+    choices: Iterable[str | int] | None = None,
     liquid: bool = False,
 ):
     """Declare one parameter of an effect or of the numerics.

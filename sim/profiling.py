@@ -165,9 +165,9 @@ def costs(solver, launches: Mapping = MappingProxyType({}), before: Mapping = Ma
             found[part].kernels += 1
             found[part].launches += launches.get(handle, 0)
     for name, (seconds, cpu_seconds) in times(solver).items():
-        part = found[SHARED_TIMES.get(name, name if name in found else solver.scheme.name)]
-        part.seconds += seconds - before.get(name, (0.0, 0.0))[0]
-        part.cpu_seconds += cpu_seconds - before.get(name, (0.0, 0.0))[1]
+        cost = found[SHARED_TIMES.get(name, name if name in found else solver.scheme.name)]
+        cost.seconds += seconds - before.get(name, (0.0, 0.0))[0]
+        cost.cpu_seconds += cpu_seconds - before.get(name, (0.0, 0.0))[1]
     for effect in solver.effects:
         found[effect.name].hooks = tuple(
             hook for hook in HOOKS if effect in getattr(solver, f"{hook}_effects"))

@@ -2,6 +2,7 @@
 import dataclasses
 import math
 import time
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
@@ -60,6 +61,9 @@ class Solver:
     fluid_velocity : (n, d), m/s; at rest without it.
     head_room : neighbors that fit, over those at rest density everywhere; other arrays grow with it.
     """
+
+    if TYPE_CHECKING:  # fields of the particles, and the effects that have a hook
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
                  wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None, head_room=HEAD_ROOM):
@@ -207,7 +211,7 @@ class Solver:
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
 
-    def set_time_steps(self, **values: float | None) -> None:
+    def set_time_steps(self, **values: Any) -> None:
         """Change numerics that are read before every step (`STEP_NUMERICS`); all others are compiled into kernels.
 
         Raises

@@ -108,7 +108,7 @@ class _Resolver:
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
         reader = Reader(errors, liquids if known else ())
         reader.refuse_unknown(data, SCENE_KEYS, ())
-        parts = {"name": name, "accuracy": self.accuracy}
+        parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:
             parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
         level = self._read_level(data.get("levels", {}), reader)

@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 FAILED = object()  # stands for a value that could not be read; its error is collected
 
 # Why a parameter cannot be left out, where its meaning does not say so.
-_REASONS = {
+_REASONS: dict[Key, str] = {
     ("injection", "drain"): "the closed cavity is full and liquids are incompressible, so what enters needs an outlet",
     ("injection", "drained_liquid"): "the closed cavity is full and liquids are incompressible, so as much must leave "
                                      "as enters",
@@ -81,7 +81,7 @@ class Reader:
         self._errors = errors
         self._liquids = tuple(liquids) or None
 
-    def record(self, cls: type, data: Any, key: Key = (), base: Any = None) -> Any:
+    def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
         """Return an instance of the dataclass ``cls``, or an ``Incomplete`` one.
 
         What ``data`` leaves out is taken from ``base``, if given.
@@ -94,7 +94,7 @@ class Reader:
                   for name, field in fields.items()}
         return Incomplete(values) if FAILED in values.values() else cls(**values)
 
-    def field(self, field: dataclasses.Field, data: Any, key: Key, base: Any = None) -> Any:
+    def field(self, field: Any, data: Any, key: Key, base: Any = None) -> Any:
         """Return the value of one field of a dataclass: from ``data``, from ``base`` or its default."""
         if data is not dataclasses.MISSING:
             return self._value(field.type, field.metadata, data, key)

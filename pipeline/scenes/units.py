@@ -15,7 +15,7 @@ _UNIT = re.compile(rf"{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*")
 _ANGLES = {"degree", "radian", "turn", "arcminute", "arcsecond"}
 
 
-def parse_quantity(value: float | int | str, unit: str = "") -> float:
+def parse_quantity(value: object, unit: str = "") -> float:
     """Return ``value`` as a number in ``unit``.
 
     Parameters
@@ -51,7 +51,7 @@ def is_kinematic_viscosity(value: object) -> bool:
     return isinstance(value, str) and bool(_NUMBER.fullmatch(value)[2])
 
 
-def _convert(number: float, text: str, unit: str, value: str) -> float:
+def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
         raise ValueError(f'"{value}" with the unknown unit "{text}", but must be {_wanted(unit)}')

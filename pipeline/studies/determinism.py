@@ -5,6 +5,7 @@ two threads is repeated with one; the second half starts from the checkpoint tha
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from sim.settings import Liquid, Settings
 EFFECTS = tuple(REGISTRY)
 LIQUIDS = (Liquid("aqueous", 1005.0, 0.01), Liquid("oil", 970.0, 1.0), Liquid("droplets", 970.0, 1.0))
 AREA = 3.14e-4  # m^2, of the round cavity
-VALUES = {
+VALUES: dict[str, dict[str, Any]] = {
     "injection": {"liquid": "oil", "drained_liquid": "aqueous", "flow": 2.0 * AREA, "fill": 0.9,
                   "cannula": (-4e-3, 0.0, 0.0), "drain": (9e-3, 0.0, 0.0)},
     "gravity": {}, "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0}, "cohesion": {"tension": 0.02},
@@ -60,7 +61,7 @@ def run(case: Parameters) -> Outcome:
     start_taichi("f32", 1)
     single = measured(case)
     start_taichi("f64", 0)
-    wall = {"wall_s": time.perf_counter() - begin}
+    wall: dict[str, Any] = {"wall_s": time.perf_counter() - begin}
     finite = all(np.isfinite(values).all() for values in end.values())
     for name, count in (("threads 1 and 2, all effects", threads), ("restart from a checkpoint, all effects", restart)):
         same = count == 0 and finite
@@ -96,7 +97,7 @@ def everything(case: Parameters):
     effects = {name: values for name, values in VALUES.items()
                if name not in refused and (closed or name not in NEEDS_FULL_CAVITY)}
     if "viscoelastic" in effects:
-        elastic = REGISTRY["viscoelastic"].Parameters
+        elastic: Any = REGISTRY["viscoelastic"].Parameters
         one = elastic.__dataclass_fields__["liquids"].type.__args__[0]
         effects = effects | {"viscoelastic": {"liquids": tuple(
             one(**values) for values in effects["viscoelastic"]["liquids"])}}

@@ -13,6 +13,7 @@ the wall is that of the metrics (`pipeline.measures.coverage`). Every operator i
 labelled by the exact shape, which shows what it reads wrong.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -179,7 +180,8 @@ def read(case: Parameters, solver, arrays) -> Reading:
     speed = float(np.sqrt((velocity**2).sum(axis=1).mean()))
     r, z = contour(case, solver)
     if len(r) < 5:
-        return Reading(*[np.nan] * 8, contact.covered_share(), speed)
+        nothing = [np.nan] * 8 + [contact.covered_share(), speed]
+        return Reading(*nothing)
     curves = Curves(_capillary_constant(case), case.radius, case.dimension, solver.spacing)
     unknown, misfit = fit(curves, r, z)
     from_axis = np.linalg.norm(np.delete(position, 1, axis=1), axis=1)
@@ -273,7 +275,8 @@ def _late(result: Run, name: str) -> np.ndarray:
 
 
 def _rows(case: Parameters, exact: Profile, ideal: Reading, result: Run) -> list[Row]:
-    spacing, common = result.solver.spacing, {"at": result.label, "wall_s": result.wall_s}
+    spacing = result.solver.spacing
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     mean = {name: float(_late(result, name).mean()) for name in result.history}
     half = _late(result, "arc")
     drift = abs(float(half[len(half) // 2:].mean() - half[: max(1, len(half) // 2)].mean()))

@@ -153,7 +153,7 @@ def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float
     """
     order, factor = law_of(points)
     base = sorted((point.resolution, point.cpu) for point in points if point.change == SPACING)
-    found = {}
+    found: dict[str, tuple[float, ...]] = {}
     for name, spacing in levels.items():
         resolution = per_width * WIDTH / spacing
         inside = base[0][0] <= resolution <= base[-1][0]

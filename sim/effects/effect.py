@@ -5,6 +5,8 @@ schema and documentation) and a class that declares the particle fields it reads
 hooks it uses. The solver collects, per hook, the effects that override it; a hook that none overrides is neither
 compiled nor run.
 """
+from typing import TYPE_CHECKING, Any
+
 import taichi as ti
 
 from sim.fields import Field
@@ -36,6 +38,9 @@ class Effect:
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
     planned: bool = False
+
+    if TYPE_CHECKING:  # what single effects have beside
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, parameters, solver):
         self.parameters = parameters
@@ -79,7 +84,7 @@ class Effect:
     def exchange(self, dt: float) -> None:
         """Add and remove particles, before they are sorted."""
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float) -> dict[str, float] | None:
         """Compute what the pair and body hooks need, once neighbors are known."""
 
     def correct_velocity(self, dt: float) -> dict[str, float]:

@@ -10,6 +10,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 
@@ -46,6 +47,9 @@ class Scheme(abc.ABC):
     unread: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
     largest_density_ratio_full: float | None = None
+
+    if TYPE_CHECKING:  # the fields are attributes
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, solver):
         self.solver = solver
