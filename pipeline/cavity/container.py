@@ -116,7 +116,11 @@ def block_lattice(lower: ArrayLike, upper: ArrayLike, spacing: float) -> tuple[n
 
 
 def whole_counts(lower: ArrayLike, upper: ArrayLike, spacing: float) -> np.ndarray:
-    """Number of particles along each side of a block, the nearest to its length over the spacing."""
+    """Number of particles along each side of a block, the nearest to its length over the spacing.
+
+    >>> whole_counts((0.0, 0.0), (0.1, 0.042), 0.01)
+    array([10,  4])
+    """
     return np.maximum(np.rint(np.subtract(upper, lower) / spacing), 1).astype(int)
 
 

@@ -193,12 +193,20 @@ class Reader:
 
 
 def dotted(key: Key) -> str:
-    """Return a key as users write it: ``effects.gravity.turns[0].to``."""
+    """Return a key as users write it.
+
+    >>> dotted(("effects", "gravity", "turns", 0, "to"))
+    'effects.gravity.turns[0].to'
+    """
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
 
 
 def nearest(word: Any, names: Iterable[str]) -> str:
-    """Return " (did you mean <name>?)" for the name that is most like ``word``, or nothing."""
+    """Return the name that is most like ``word`` as a question, or nothing.
+
+    >>> nearest("viscosty", ["gravity", "viscosity"])
+    ' (did you mean viscosity?)'
+    """
     word = str(word).lower()
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.

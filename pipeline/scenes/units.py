@@ -27,6 +27,16 @@ def parse_quantity(value: object, unit: str = "") -> float:
     ------
     ValueError
         With a phrase that completes "<key> is ...": not a number, unknown unit, or another dimension.
+
+    Examples
+    --------
+    >>> parse_quantity("40 mN/m", "N/m")
+    0.04
+    >>> parse_quantity("85 %")
+    0.85
+    >>> parse_quantity("2 s", "m")
+    Traceback (most recent call last):
+    ValueError: "2 s", but must be in m
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"{_describe(value)}, but must be {_wanted(unit)}")

@@ -66,7 +66,11 @@ def bounded(quantity: str, value: float, limit: float | None, unit: str = "1", *
 
 
 def observed_order(spacings: ArrayLike, errors: ArrayLike) -> float:
-    """Return the slope of log(error) against log(spacing), by least squares; nan without two errors above zero."""
+    """Return the slope of log(error) against log(spacing), by least squares; nan without two errors above zero.
+
+    >>> round(observed_order([0.1, 0.05, 0.025], [4e-2, 1e-2, 2.5e-3]), 9)
+    2.0
+    """
     spacings, errors = np.asarray(spacings, float), np.asarray(errors, float)
     known = np.isfinite(errors) & (errors > 0.0)
     if np.count_nonzero(known) < 2:
