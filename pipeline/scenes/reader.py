@@ -4,6 +4,7 @@ Nothing is raised on the way: every error is collected with its file and key, so
 """
 import dataclasses
 import difflib
+import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -227,7 +228,9 @@ def allowed_range(metadata: Mapping) -> str:
     """Return the range of a number in words, "" if it has none."""
     unit = f" {metadata['unit'].replace('**', '')}" if metadata["unit"] else ""
     bounds = (("above", "exclusive_minimum"), ("at least", "minimum"), ("at most", "maximum"))
-    return " and ".join(f"{words} {metadata[name]:g}{unit}" for words, name in bounds if metadata[name] is not None)
+    in_degrees = (lambda bound: f" ({math.degrees(bound):g} deg)") if metadata["unit"] == "rad" else lambda bound: ""
+    return " and ".join(f"{words} {metadata[name]:g}{unit}{in_degrees(metadata[name])}" for words, name in bounds
+                        if metadata[name] is not None)
 
 
 def _in_range(number: float, metadata: Mapping) -> bool:

@@ -21,7 +21,7 @@ def parse_quantity(value: object, unit: str = "") -> float:
     Parameters
     ----------
     value : a number, taken as already in ``unit``, or a string such as "40 mN/m", "85 %" or "1.5 mL/s".
-    unit : target in pint's spelling; "" for a pure number, "deg" for an angle (angles are no pure numbers here).
+    unit : target in pint's spelling; "" for a pure number, "rad" or "deg" for an angle (no pure number here).
 
     Raises
     ------
@@ -78,6 +78,8 @@ def _describe(value: object) -> str:
 
 
 def _wanted(unit: str) -> str:
+    if unit.startswith("rad"):
+        return f"in {unit.replace('rad', 'deg')} or {unit}"
     return f"in {unit.replace('**', '')}" if unit else 'a pure number (or in "%")'
 
 

@@ -23,8 +23,9 @@ AREA = 3.14e-4  # m^2, of the round cavity
 VALUES: dict[str, dict[str, Any]] = {
     "injection": {"liquid": "oil", "drained_liquid": "aqueous", "flow": 2.0 * AREA, "fill": 0.9,
                   "cannula": (-4e-3, 0.0, 0.0), "drain": (9e-3, 0.0, 0.0)},
-    "gravity": {}, "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0}, "cohesion": {"tension": 0.02},
-    "curvature": {"gamma": 5.0}, "adhesion": {"beta": 5.0}, "viscosity": {}, "viscosity_implicit": {},
+    "gravity": {}, "interface_tension": {"coefficient": 0.04, "contact_angle": np.radians(60.0)},
+    "cohesion": {"tension": 0.02}, "curvature": {"gamma": 5.0}, "adhesion": {"beta": 5.0},
+    "viscosity": {}, "viscosity_implicit": {},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "time_lapse": 1e7},
     "drift": {"droplet_diameter": 1e-4}, "diffusion": {"coefficient": 1e-6}, "collision": {},
     "viscoelastic": {"liquids": ({"liquid": "oil", "shear_modulus": 100.0, "relaxation_time": 0.1},)},

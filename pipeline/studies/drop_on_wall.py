@@ -87,7 +87,7 @@ def _rest(case: Parameters, resolution: int) -> Run:
     solver = build(case, arrays, phase=lambda x: np.linalg.norm(x - foot, axis=1) > case.radius,
                    liquids=(Liquid("drop", DENSITY, case.viscosity), Liquid("around", DENSITY, case.viscosity)),
                    effects={"viscosity_implicit": {}, "interface_tension": {
-                       "coefficient": case.tension, "contact_angle": case.contact_angle}},
+                       "coefficient": case.tension, "contact_angle": np.radians(case.contact_angle)}},
                    maximum_time_step=0.02 * _time(case))
     return advance(solver, case.rest_times * _time(case), f"R/dx={resolution}", _watch(case, floor))
 

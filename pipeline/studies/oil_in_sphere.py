@@ -143,7 +143,7 @@ def _build(case: Parameters, arrays, phase):
     liquids = (Liquid("water", WATER, case.water_viscosity),
                Liquid("oil", WATER + case.density_difference, case.oil_viscosity))
     effects = {"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
-               "interface_tension": {"coefficient": case.tension, "contact_angle": case.contact_angle}}
+               "interface_tension": {"coefficient": case.tension, "contact_angle": np.radians(case.contact_angle)}}
     return build(case, arrays, liquids=liquids, effects=effects, phase=phase,
                  maximum_time_step=case.largest_step * np.sqrt(float(arrays["particle_spacing"]) / GRAVITY))
 

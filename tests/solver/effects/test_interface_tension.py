@@ -17,7 +17,7 @@ BOX = (16.0 * SPACING, 10.0 * SPACING)
 
 
 def with_tension(arrays, contact_angle, phase):
-    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=contact_angle),
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=np.radians(contact_angle)),
                cavities.parameters("viscosity_implicit"))
     return cavities.build(arrays, effects=effects, liquids=LIQUIDS, phase=phase, pressure_tolerance=1e-4)
 
