@@ -22,7 +22,8 @@ CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disordered sets; pressures >= 0 hold
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
-SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
+SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this:
+# both are chosen on that vortex, so it judges everything but them
 RESIDUAL = 2.0  # mean residual of the pressure, over the tolerance times the way of the fastest particle in the step,
 # in spacings: liquids that come to rest in an eye are 3 % too fast with it, at half the iterations of a value of 1
 RESISTED = 1.0  # nu dt/dx^2 from which the pressure counts with viscosity; where it does not matter, a more exact
