@@ -35,8 +35,8 @@ class PressureOperators:
         self.volume = particles.arrays["volume"]
         self.mass = particles.arrays["mass"]
         self.gradient_sum = gradient_sum
+        self.search, self.walls = search, search.walls
         self.pairs, self.wall_pairs, self.wall_rows = search.pairs, search.wall_pairs, search.wall_rows
-        self.walls = search.walls
         n, walls, dimension = particles.capacity, max(search.walls.count, 1), particles.dimension
         self.applied, self.mobility = (ti.field(real(), shape=n) for _ in range(2))
         self.diagonal = tuple(ti.field(real(), shape=n) for _ in range(2))  # without and with weight
@@ -151,7 +151,7 @@ class PressureOperators:
         for slot in range(self.wall_rows.count[b]):
             k = self.wall_rows.entry(b, slot)
             j = self.wall_rows.index[k]
-            distance = self.walls.position[b] - position[j]
+            distance = self.search.separation(self.walls.position[b], position[j])
             total += self.wall_rows.weight[k] * self.mass[j] / self.volume[j] * acceleration[j].dot(distance)
         return self.over_wall_weight(b, total)
 

@@ -5,6 +5,7 @@ Every formula carries a single power of 1/h, so that float32 holds at small h.
 """
 import math
 from types import MappingProxyType
+from typing import Any
 
 import taichi as ti
 
@@ -62,7 +63,7 @@ class CubicSpline:
         return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))
 
 
-KERNELS = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
+KERNELS: dict[str, Any] = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
 
 
 @ti.kernel

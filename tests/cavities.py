@@ -86,7 +86,7 @@ def root_mean_square_speed(solver: Solver) -> float:
 def tank(arrays, precision: str) -> Solver:
     """Return a tank that turns over: oil left, aqueous right, with tension and diffusion."""
     effects = (parameters("gravity"), parameters("viscosity_implicit"),
-               parameters("interface_tension", coefficient=0.04, contact_angle=60.0),
+               parameters("interface_tension", coefficient=0.04, contact_angle=math.radians(60.0)),
                parameters("diffusion", coefficient=1e-6))
     return build(arrays, effects=effects, phase=lambda x: x[:, 0] < 0.0, precision=precision)
 

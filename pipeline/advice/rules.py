@@ -139,7 +139,7 @@ def _rotation(scales: Scales, limits: list[Limit]) -> Found:
             yield Advice(WARNING, "eye_rotation", f"a saccade is not reached or not over: the last one ends at "
                                                   f"{shown(saccade.end, 's')}, but the scene at "
                                                   f"{shown(scales.duration, 's')}")
-    way = max((math.radians(movement.amplitude) for movement in rotation.movements), default=0.0) * scales.length
+    way = max((movement.amplitude for movement in rotation.movements), default=0.0) * scales.length
     if not _is_seen(way, scales):
         yield Advice(WARNING, "eye_rotation", f"cannot be seen: the wall moves by {_times(way, scales)}")
         return
@@ -183,8 +183,8 @@ def _tension(scales: Scales, limits: list[Limit]) -> Found:
 def _wetting(scales: Scales, rim: float) -> Advice:
     """Height sqrt(2(1 - sin theta)) capillary lengths of the meniscus at an upright flat wall (Young-Laplace)."""
     angle = scales.scene.effects["interface_tension"].contact_angle
-    climb = rim * math.sqrt(max(2.0 * (1.0 - math.sin(math.radians(angle))), 0.0))
-    text = f"a contact angle of {angle:g} deg bends the interface at the wall by {_times(climb, scales)}"
+    climb = rim * math.sqrt(max(2.0 * (1.0 - math.sin(angle)), 0.0))
+    text = f"a contact angle of {math.degrees(angle):g} deg bends the interface at the wall by {_times(climb, scales)}"
     return Advice(SEEN_EFFECT if _is_seen(climb, scales) else NOTE, "interface_tension", text)
 
 

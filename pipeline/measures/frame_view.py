@@ -80,7 +80,7 @@ class Measured:
         tension = self.scene.effects.get("interface_tension")
         if tension is None or not tension.coefficient:
             return None
-        through_first = np.radians(tension.contact_angle)
+        through_first = tension.contact_angle
         return float(np.pi - through_first if self.oil == 0 else through_first)
 
     @property

@@ -5,11 +5,13 @@ message of every error. A check whose parts could not be read is left out: their
 """
 import contextlib
 import dataclasses
+import functools
 import inspect
 import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -63,13 +65,16 @@ def check(parts: Mapping[str, object]) -> Found:
                 yield from function(**{name: parts[name] for name in names})
 
 
+def _of_eye(name: str, parts: Mapping) -> object:
+    return getattr(parts["eye"], name, "no eye")
+
+
 # What a scene must have in common with the one whose last checkpoint it starts from, as error messages show it.
 _SAME_AS_START: dict[Key, Callable[[Mapping], object]] = {
     ("dimension",): lambda parts: parts["dimension"],
     ("liquids",): lambda parts: ", ".join(liquid.name for liquid in parts["liquids"]),
     ("numerics", "particle_spacing"): lambda parts: f"{1e3 * parts['numerics'].particle_spacing:.9g} mm",
-    **{("eye", field.name): lambda parts, name=field.name: getattr(parts["eye"], name, "no eye")
-       for field in dataclasses.fields(Eye)},
+    **{("eye", field.name): functools.partial(_of_eye, field.name) for field in dataclasses.fields(Eye)},
     ("container",): lambda parts: _box_in_words(parts["container"]),
 }
 
@@ -78,7 +83,7 @@ def _box_in_words(container: Container | None) -> str:
     return "no container" if container is None else f"{' x '.join(f'{side:g}' for side in container.size)} m"
 
 
-def check_start(parts: Mapping[str, object], start: Scene, fill: Mapping[str, float] | None) -> Found:
+def check_start(parts: Mapping[str, Any], start: Scene, fill: Mapping[str, float] | None) -> Found:
     """Yield the errors of a scene that cannot start from the last checkpoint of ``start``.
 
     fill : share of the cavity that each liquid holds at the end of it, where that is known.
@@ -205,7 +210,7 @@ def _rotation_is_one_movement(effects: dict, dimension: int) -> Found:
     key = ("effects", "eye_rotation")
     if rotation.saccades and rotation.oscillation:
         yield (*key, "oscillation"), "is given beside saccades, but an eye does one or the other"
-    places = [(*key, "saccades", index) for index in range(len(rotation.saccades))]
+    places: list[Key] = [(*key, "saccades", index) for index in range(len(rotation.saccades))]
     for place, saccade in zip(places, rotation.saccades, strict=True):
         if not SMALLEST_PEAK <= saccade.peak_over_mean <= LARGEST_PEAK:
             yield ((*place, "peak_rate"),
@@ -218,7 +223,7 @@ def _rotation_is_one_movement(effects: dict, dimension: int) -> Found:
         if following.start < one.end - 1e-9:
             yield ((*place, "start"), f"is {following.start:g} s, but the saccade before ends at {one.end:g} s, and "
                                       "saccades must not overlap")
-    movements = [(("oscillation",), rotation.oscillation)] if rotation.oscillation else []
+    movements: list[tuple[Key, Any]] = [(("oscillation",), rotation.oscillation)] if rotation.oscillation else []
     for place, movement in [*movements, *((place[2:], s) for place, s in zip(places, rotation.saccades, strict=True))]:
         if not any(movement.axis):
             yield (*key, *place, "axis"), "is (0, 0, 0), but must have a direction"

@@ -108,7 +108,7 @@ def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":
 
 def published_volume(axial_length: float) -> float:
     """Cavity volume in m3 of operated eyes by axial length in m (F3, 20 to 32 mm, r = 0.968)."""
-    return 1e-6 * np.polyval([5.89053e-4, -2.511493e-2, 0.6859611, -5.088227], 1e3 * axial_length)
+    return 1e-6 * float(np.polyval([5.89053e-4, -2.511493e-2, 0.6859611, -5.088227], 1e3 * axial_length))
 
 
 def _smooth_maximum(a: np.ndarray, b: np.ndarray) -> np.ndarray:

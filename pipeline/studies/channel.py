@@ -8,7 +8,7 @@ keep their places: what is measured is the viscous force itself on particles pac
 the noise that the pressure solve adds.
 """
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def run(case: Parameters) -> Outcome:
         finest = resolution == max(case.resolutions)
         layers = _layer_errors(result, case.ratio)
         errors.append(layers["both layers"])
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded(f"L2 error of the velocity, {layer}", error,
                                  case.tolerance if finest and layer == "both layers" else None, **common)
                          for layer, error in layers.items()]
@@ -85,7 +85,7 @@ def _flow(case: Parameters, resolution: int) -> Run:
     arrays = cavity("box", (PERIOD * spacing, 2.0 * HALF_WIDTH), spacing, start=case.start,
                     support_ratio=case.support_ratio, periodic=(0,))
     until = case.times * DENSITY * HALF_WIDTH**2 / THIN
-    effects = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
+    effects: dict[str, Any] = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
                "viscosity_implicit" if case.viscosity == "implicit" else "viscosity": {"form": case.form}}
     solver = build(case, arrays, effects=effects, phase=lambda x: x[:, 1] > 0.0,
                    liquids=(Liquid("viscous", DENSITY, case.ratio * THIN), Liquid("thin", DENSITY, THIN)),

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -100,7 +101,7 @@ def _load(folder: Path) -> Method:
     time = table["time [s]"]
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
     energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
-    isolated = sum(table[column] for column in table if column.startswith("isolated_particles"))
+    isolated = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
     return Method(scene.numerics.scheme, scene, paths, table["frame"], table["computing_time_cpu [s]"],
                   table["computing_time_wall [s]"], energy, viscous,
                   isolated / len(read_frame(paths[0]).position), warm)
@@ -148,7 +149,7 @@ def _kernel_slope(kernel: str, q: np.ndarray, support: float, dimension: int) ->
 
 
 def _rows(method: Method, reference: int) -> list[Row]:
-    at = {"at": method.name, "wall_s": float(method.wall[1:].sum())}
+    at: dict[str, Any] = {"at": method.name, "wall_s": float(method.wall[1:].sum())}
     start = method.energy[0]
     return [
         Row("computing time per frame, all cores", method.seconds, "s", **at),

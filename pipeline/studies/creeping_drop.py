@@ -12,6 +12,7 @@ Tension keeps the drop round (Bond number 0.1) and viscosity keeps it slow (Reyn
 speed long before it has moved by a tenth of its radius.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def run(case: Parameters) -> Outcome:
         late = way > 0.5 * way[-1]
         mean = float(speed[late].mean()) if not result.failure else np.nan
         errors.append(abs(mean / exact - 1.0))
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [
             compared("speed of the drop", mean, exact, case.tolerance if resolution == max(case.resolutions) else None,
                      "m/s", **common),

@@ -7,6 +7,7 @@ of a wall lack partners there, so that diffusion along a wall is slower in that 
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 from scipy.special import erfc
@@ -48,7 +49,7 @@ def run(case: Parameters) -> Outcome:
         finest = resolution == max(case.resolutions)
         begin = time.perf_counter()
         times, moments, solver, drift, seconds = _spread(case, resolution)
-        at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
+        at: dict[str, Any] = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         effective = np.polyfit(times, moments, 1)[0] / (2.0 if case.shape == "step" else 4.0)
         row = compared("D_eff / D", effective / COEFFICIENT, 1.0, case.tolerance if finest else None, **at)
         errors.append(row.error)

@@ -7,6 +7,7 @@ the drop, which follow from its volume, are compared beside it. What is compared
 run.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def _rest(case: Parameters, resolution: int) -> Run:
     solver = build(case, arrays, phase=lambda x: np.linalg.norm(x - foot, axis=1) > case.radius,
                    liquids=(Liquid("drop", DENSITY, case.viscosity), Liquid("around", DENSITY, case.viscosity)),
                    effects={"viscosity_implicit": {}, "interface_tension": {
-                       "coefficient": case.tension, "contact_angle": case.contact_angle}},
+                       "coefficient": case.tension, "contact_angle": np.radians(case.contact_angle)}},
                    maximum_time_step=0.02 * _time(case))
     return advance(solver, case.rest_times * _time(case), f"R/dx={resolution}", _watch(case, floor))
 
@@ -138,7 +139,7 @@ def _late(result: Run, name: str) -> np.ndarray:
 
 
 def _rows(case: Parameters, result: Run) -> list[Row]:
-    common = {"at": result.label, "wall_s": result.wall_s}
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     angle, late = case.contact_angle, _late(result, "angle")
     _, height, base = shape(np.radians(angle), _late(result, "volume").mean(), case.dimension)
     drift = late[len(late) // 2:].mean() - late[: max(1, len(late) // 2)].mean()

@@ -6,6 +6,7 @@ ratio the pressure solve becomes harder (T17): the iterations per step may not e
 1:1 by much, which the rows of the same resolution show.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def run(case: Parameters) -> Outcome:
         error, speed = _pressure_error(case, result), result.values("speed")[-1] / np.sqrt(GRAVITY * HEIGHT)
         errors.append(error)
         asked = index > 0  # the coarse run is there for the order only
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded("pressure error / (rho g H)", error, case.pressure_tolerance if asked else None,
                                  **common),
                          bounded("rms speed at the end / sqrt(g H)", speed, case.speed_tolerance if asked else None,
@@ -65,7 +66,8 @@ def run(case: Parameters) -> Outcome:
 
 def _settle(case: Parameters, resolution: int, label: str) -> Run:
     spacing = HEIGHT / resolution
-    size = {"box": (0.5 * HEIGHT, HEIGHT), "circle": 0.5 * HEIGHT, "open_box": (0.5 * HEIGHT, 1.5 * HEIGHT)}
+    size: dict[str, Any] = {
+        "box": (0.5 * HEIGHT, HEIGHT), "circle": 0.5 * HEIGHT, "open_box": (0.5 * HEIGHT, 1.5 * HEIGHT)}
     arrays = cavity(case.cavity.removeprefix("open_"), size[case.cavity], spacing, support_ratio=case.support_ratio)
     liquids = (Liquid("heavy", HEAVY, 1e-3), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
     level = _interface(case)

@@ -9,6 +9,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,8 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     mixtures = [_load(folders[name], parameters.ink) for name in parameters.scenes]
     outcome = Outcome(pictures={PICTURES[0]: _rows_of_pictures(mixtures, parameters.pictures)})
     for mixture in mixtures:
-        at, label = {"at": mixture.scene.name}, f"D_m = {mixture.coefficient:g} m²/s"
+        at: dict[str, Any] = {"at": mixture.scene.name}
+        label = f"D_m = {mixture.coefficient:g} m²/s"
         outcome.rows += [
             Row("variance of the volume fraction at the end / unmixed", mixture.variance[-1], **at),
             Row("entropy of mixing at the end / evenly mixed", mixture.entropy[-1], **at),

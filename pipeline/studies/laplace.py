@@ -11,6 +11,7 @@ A drop that starts as a square (3D: a cube) of the same volume must become round
 interface may scatter by a fiftieth, which in 2D is a circularity well above 0.98.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,7 @@ def pressure_jump(case: Parameters, solver) -> tuple[float, float]:
 
 
 def _rows(case: Parameters, result: Run) -> list[Row]:
-    common = {"at": result.label, "wall_s": result.wall_s}
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     jump, radius = pressure_jump(case, result.solver) if not result.failure else (np.nan, case.radius)
     current = case.viscosity * result.values("speed") / case.tension
     late = current[-max(1, len(current) // 20):].mean()

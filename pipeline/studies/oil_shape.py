@@ -7,6 +7,7 @@ with the aqueous (the part of A that is farther than half a particle spacing fro
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     outcome = Outcome(pictures={PICTURES[0]: _side_by_side(oils, parameters.pictures)})
     section = np.pi / 4.0 * _diameter(folders[parameters.scenes[0]]) ** 2
     for oil in oils:
-        at = {"at": oil.scene.name}
+        at: dict[str, Any] = {"at": oil.scene.name}
         outcome.rows += [
             Row("sphericity of the oil at the end", oil.sphericity[-1], **at),
             Row("interface at the end / cross-section of the eye", oil.interface[-1] / section, **at),

@@ -6,6 +6,7 @@ flux of the light liquid is alpha (1 - alpha) v_s. From alpha_0 everywhere, clea
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def run(case: Parameters) -> Outcome:
         begin = time.perf_counter()
         profiles, extremes, change = _settle(case, resolution)
         tolerance = case.tolerance if resolution == max(case.resolutions) else None
-        at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
+        at: dict[str, Any] = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         worst = 0.0
         for scaled, (height, fraction) in zip(TIMES, profiles, strict=True):
             fronts = _fronts(height, fraction, case.fraction)

@@ -8,6 +8,7 @@ Two layers with any tension are in balance to round-off, because `interface_tens
 depends on the places of the particles. Without, the kink of the pressure at the interface does.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def run(case: Parameters) -> Outcome:
         energy = result.values("kinetic_energy")[late].max() / (mass * GRAVITY * HEIGHT)
         drift = np.abs(result.values("height") - result.values("height")[0]).max() * resolution / HEIGHT
         speeds.append(speed)
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded("rms speed / sqrt(g H), second half", speed, case.speed_tolerance, **common),
                          bounded("kinetic energy / (m g H), second half", energy, 1e-5, **common),
                          bounded("drift of the center of mass / spacing", drift, 0.1, **common), *result.rows()]

@@ -22,7 +22,7 @@ from sim.settings import Liquid
 EFFECTS = ("eye_rotation", "viscosity_implicit")
 RADIUS = 11e-3  # m, R, that of an eye
 DENSITY = 970.0  # kg/m^3
-AMPLITUDE = 10.0  # deg
+AMPLITUDE = np.radians(10.0)
 MODES = 60  # of a saccade: at Womersley 10 the last one decays within a thousandth of it
 AXIS = (0.0, 0.0, 1.0)
 SUBSTEPS = 2000  # of the exact modes of a saccade

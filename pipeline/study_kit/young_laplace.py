@@ -82,7 +82,11 @@ class Profile:
 
 
 def covered_share(arc: float, dimension: int) -> float:
-    """Return the share of the wall on an arc, deg, around the pole."""
+    """Return the share of the wall on an arc, deg, around the pole.
+
+    >>> covered_share(180.0, 2), round(float(covered_share(180.0, 3)), 9)
+    (0.5, 0.5)
+    """
     return arc / 360.0 if dimension == 2 else 0.5 * (1.0 - np.cos(np.radians(0.5 * arc)))
 
 

@@ -8,6 +8,7 @@ fraction. Offsets added to the fractions conserve the volume of every liquid; dr
 import dataclasses
 import functools
 import time
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates
@@ -36,7 +37,7 @@ class LiquidSurface:
     """Surface of one liquid, in two dimensions its outline, and what was measured on it."""
 
     mesh: TriangleMesh | ContourLines
-    statistics: dict[str, object]
+    statistics: dict[str, Any]
 
 
 @dataclasses.dataclass
@@ -152,7 +153,7 @@ class Reconstructor:
         """Distance of points (m, D) to the wall, m, positive inside the cavity."""
         return -self.grid.distance_at(points)
 
-    def _section_nodes(self) -> tuple[np.ndarray, tuple[int, int], float]:
+    def _section_nodes(self) -> tuple[np.ndarray, tuple[int, ...], float]:
         grid = self.grid
         cell = grid.cell / max(1, int(np.ceil(SECTION_PIXELS * grid.cell / grid.extent[1:].max())))
         shape = tuple(int(n) for n in np.floor(grid.extent[1:] / cell + 1e-9) + 1)
@@ -193,8 +194,8 @@ class Reconstructor:
         offset, count = np.zeros(len(fraction)), len(fraction)
         if count == 2 and target.all():
             # Both liquids lose a little where the interface meets the wall; the lesser is held to its volume.
-            judged = 0 if self.free_surface else int(target.argmin())
-            self._set_offset(offset, 1, [judged], fraction, droplets, target)
+            judged = [0 if self.free_surface else int(target.argmin())]
+            self._set_offset(offset, 1, judged, fraction, droplets, target)
         elif count > 2:
             for phase in [k for k in range(1, count) if target[k]] * OFFSET_ROUNDS:
                 # What the void takes is what all liquids lack: the void itself may lose a little.

@@ -46,7 +46,8 @@ from sim.reductions import blocks, first, last, total_of
 from sim.runtime import real
 
 LAYER = 2.0  # depth of the layer at the wall in which the contact line is found, in particle spacings
-SACCADE_TIME, TIME_PER_DEGREE = 21e-3, 2.2e-3  # main sequence of saccades: duration at no amplitude, s, and per degree
+# Main sequence of saccades: duration at no amplitude, s, and per amplitude, s/rad (2.2 ms per degree).
+SACCADE_TIME, TIME_PER_ANGLE = 21e-3, 2.2e-3 / math.radians(1.0)
 PEAK = 1.875  # peak over mean rate of a minimum-jerk turn
 QUADRATURE = 400  # intervals of the integral over the kernel, along the wall and in depth
 
@@ -70,7 +71,8 @@ class ContactLineEmulsificationParameters:
                                           "the droplets of wash-outs in the scene emulsification_contact_line)")
     saccade_rate: float = parameter(2.0, unit="1/s", minimum=0.0, maximum=100.0,
                                     meaning="saccades per time, the night included (A: 3 per second for 16 of 24 h)")
-    saccade_amplitude: float = parameter(10.0, unit="deg", minimum=0.0, maximum=60.0, meaning="turn in one saccade")
+    saccade_amplitude: float = parameter(math.radians(10.0), unit="rad", minimum=0.0, maximum=math.radians(60.0),
+                                         meaning="turn in one saccade")
     saccade_axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), meaning="axis of the saccades through the origin; (0, 1, 0): they are horizontal")
     shear: str = parameter("saccades", choices=("saccades", "flow"),
@@ -81,17 +83,17 @@ class ContactLineEmulsificationParameters:
 
 
 def saccade_duration(amplitude: float) -> float:
-    """Duration of a saccade of an amplitude in degrees, s (main sequence)."""
-    return SACCADE_TIME + TIME_PER_DEGREE * amplitude
+    """Duration of a saccade of an amplitude, rad, in s (main sequence)."""
+    return SACCADE_TIME + TIME_PER_ANGLE * amplitude
 
 
 def saccade_speed(amplitude: float) -> float:
-    """Peak rate of rotation in a saccade of an amplitude in degrees, rad/s."""
-    return PEAK * math.radians(amplitude) / saccade_duration(amplitude)
+    """Peak rate of rotation in a saccade of an amplitude, rad, in rad/s."""
+    return PEAK * amplitude / saccade_duration(amplitude)
 
 
 def shear_per_distance(amplitude: float, aqueous) -> float:
-    """Shear rate at the wall in a saccade (amplitude in degrees) per distance from its axis, 1/(m s).
+    """Shear rate at the wall in a saccade (amplitude in rad) per distance from its axis, 1/(m s).
 
     Stokes' second problem: a wall that oscillates with the speed U and the frequency Omega shears by U sqrt(Omega/nu).
     """

@@ -5,6 +5,8 @@ schema and documentation) and a class that declares the particle fields it reads
 hooks it uses. The solver collects, per hook, the effects that override it; a hook that none overrides is neither
 compiled nor run.
 """
+from typing import TYPE_CHECKING, Any
+
 import taichi as ti
 
 from sim.fields import Field
@@ -20,6 +22,7 @@ class Effect:
     Parameters : frozen dataclass of the parameters.
     fields : particle fields that this effect adds.
     uses : names of the fields of others that it reads or writes.
+    reads : limits of solves that it takes from the numerics (``sim.settings.Numerics``).
     requires : names of the effects that must be active too.
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
@@ -30,10 +33,14 @@ class Effect:
     Parameters: type
     fields: tuple[Field, ...] = ()
     uses: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
     planned: bool = False
+
+    if TYPE_CHECKING:  # what single effects have beside
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, parameters, solver):
         self.parameters = parameters
@@ -77,7 +84,7 @@ class Effect:
     def exchange(self, dt: float) -> None:
         """Add and remove particles, before they are sorted."""
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float) -> dict[str, float] | None:
         """Compute what the pair and body hooks need, once neighbors are known."""
 
     def correct_velocity(self, dt: float) -> dict[str, float]:

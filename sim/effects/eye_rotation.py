@@ -26,7 +26,7 @@ from sim.effects.effect import Effect
 from sim.parameters import parameter
 from sim.runtime import real
 
-SHORTEST, PER_DEGREE = 21e-3, 2.2e-3  # s and s/deg, duration of a saccade
+SHORTEST, PER_ANGLE = 21e-3, 2.2e-3 / math.radians(1.0)  # s and s/rad, duration of a saccade: 2.2 ms per degree
 PEAK_OVER_MEAN = 1.64  # rate of a saccade
 POWERS = (0.25, 8.0)  # n, between a rate that is nearly constant and a sharp peak
 STEPS = 40  # time steps in a saccade, or in half a period, at least
@@ -45,13 +45,14 @@ class Saccade:
     """A quick turn of the eye, or several back and forth."""
 
     start: float = parameter(unit="s", minimum=0.0, meaning="time at which the saccade begins")
-    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=120.0, meaning="angle that the eye turns by")
+    amplitude: float = parameter(unit="rad", minimum=0.0, maximum=math.radians(120.0),
+                                 meaning="angle that the eye turns by")
     axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0,
         meaning="axis of the turn in the eye, of any length, by the right hand; (0, 1, 0) looks to the patient's left")
     duration: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
                                        meaning="time it takes (default: by the main sequence)")
-    peak_rate: float | None = parameter(None, unit="deg/s", exclusive_minimum=0.0,
+    peak_rate: float | None = parameter(None, unit="rad/s", exclusive_minimum=0.0,
                                         meaning="largest angular velocity (default: by the main sequence)")
     count: int = parameter(1, minimum=1, maximum=10000, meaning="number of saccades, every other one back again")
     interval: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="from one begin to the next")
@@ -59,7 +60,7 @@ class Saccade:
     @property
     def lasts(self) -> float:
         """Duration D of one saccade, s."""
-        return self.duration or SHORTEST + PER_DEGREE * self.amplitude
+        return self.duration or SHORTEST + PER_ANGLE * self.amplitude
 
     @property
     def end(self) -> float:
@@ -79,7 +80,7 @@ class Saccade:
     @property
     def peak(self) -> float:
         """Largest angular velocity, rad/s."""
-        return math.radians(self.amplitude) * self.peak_over_mean / self.lasts
+        return self.amplitude * self.peak_over_mean / self.lasts
 
     def _share(self, time: float) -> tuple[int, float]:
         """Which of the saccades is the last that has begun, -1 before the first, and the share of it that is over."""
@@ -92,7 +93,7 @@ class Saccade:
         if index < 0:
             return 0.0
         turned = float(betainc(self.power + 1.0, self.power + 1.0, share))
-        return math.radians(self.amplitude) * (turned if index % 2 == 0 else 1.0 - turned)
+        return self.amplitude * (turned if index % 2 == 0 else 1.0 - turned)
 
     def rate(self, time: float) -> float:
         """Angular velocity at a time, rad/s."""
@@ -112,7 +113,8 @@ class Saccade:
 class Oscillation:
     """A turn back and forth without end, as a sine from the start of the scene on."""
 
-    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=90.0, meaning="largest angle to either side")
+    amplitude: float = parameter(unit="rad", minimum=0.0, maximum=math.radians(90.0),
+                                 meaning="largest angle to either side")
     frequency: float = parameter(unit="Hz", exclusive_minimum=0.0, maximum=1000.0, meaning="periods per second")
     axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0, meaning="axis of the turn in the eye, of any length")
@@ -130,11 +132,11 @@ class Oscillation:
     @property
     def peak(self) -> float:
         """Largest angular velocity, rad/s."""
-        return math.radians(self.amplitude) * self.pulsation
+        return self.amplitude * self.pulsation
 
     def angle(self, time: float) -> float:
         """Angle at a time, rad."""
-        return math.radians(self.amplitude) * math.sin(self.pulsation * time)
+        return self.amplitude * math.sin(self.pulsation * time)
 
     def rate(self, time: float) -> float:
         """Angular velocity at a time, rad/s."""

@@ -90,11 +90,11 @@ class Gravity(Effect):
 
     def direction(self, time: float) -> np.ndarray:
         """Direction of gravity in the eye at `time`, (3,); turns follow the minimum-jerk profile."""
-        held = POSTURES[self.parameters.posture]
+        held = np.asarray(POSTURES[self.parameters.posture])
         for turn in self.parameters.turns:
             s = min(max((time - turn.start) / turn.duration, 0.0), 1.0)
             held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
-        return self._in_eye(np.asarray(held), time)
+        return self._in_eye(held, time)
 
     def _in_eye(self, vector: np.ndarray, time: float) -> np.ndarray:
         """A vector (3,) of the head in the axes of the eye."""

@@ -47,7 +47,7 @@ class InterfaceTensionParameters:
     """Tension of the interface between the first liquid and every other, from a grid level set."""
 
     coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0, meaning="interface tension")
-    contact_angle: float = parameter(90.0, unit="deg", minimum=0.0, maximum=180.0,
+    contact_angle: float = parameter(0.5 * math.pi, unit="rad", minimum=0.0, maximum=math.pi,
                                      meaning="contact angle at the wall, measured through the first liquid")
 
 
@@ -78,7 +78,7 @@ class InterfaceTension(Effect):
         self.dimension, self.spacing, self.count = solver.dimension, solver.spacing, solver.count
         self.mixes = "volume_fraction" in solver.particles.arrays
         self.fractions = solver.particles.arrays.get("volume_fraction")
-        self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle), self.mixes)
+        self.level_set = LevelSet(solver, self.particles.color, parameters.contact_angle, self.mixes)
         self.grid = self.level_set.grid
         self.gravity = next((e for e in solver.effects if e.name == "gravity"), None)
         densities = [liquid.density for liquid in solver.liquids]

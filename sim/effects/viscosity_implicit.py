@@ -61,6 +61,7 @@ class ViscosityImplicit(Effect):
         Field("wall_friction", "scalar", "kg/s", "viscous force of the wall over the velocity"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
+    reads = ("maximum_iterations", "viscosity_tolerance")
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

@@ -53,6 +53,8 @@ class DFSPH(Scheme):
     name = "dfsph"
     Parameters = DFSPHParameters
     refuses = MappingProxyType({"injection": "its density solve has no source for growing volumes"})
+    unread = MappingProxyType({"pressure_tolerance": "schemes.dfsph.density_error and divergence_error",
+                               "maximum_iterations": "schemes.dfsph.maximum_iterations"})
     largest_density_ratio = 10.0  # bounded at 1:100 too, but the light liquid swells by 15 %
     # The density smeared across an interface asks for room that a full cavity lacks: at 1:3 particles are thrown about.
     largest_density_ratio_full = 1.2
@@ -84,6 +86,10 @@ class DFSPH(Scheme):
         self.partial = partial_results(2)
         self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(2))
         self.relaxation = ti.field(real(), shape=())
+
+    @classmethod
+    def iteration_limit(cls, settings) -> tuple[int, str]:
+        return (settings.scheme or cls.Parameters()).maximum_iterations, "schemes.dfsph.maximum_iterations"
 
     # Densities and the diagonal.
 

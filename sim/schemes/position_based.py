@@ -74,6 +74,8 @@ class PositionBased(Scheme):
     Parameters = PositionBasedParameters
     refuses = MappingProxyType({
         "injection": "the overlap of a particle that splits becomes velocity within one step"})
+    unread = MappingProxyType(dict.fromkeys(("pressure_tolerance", "maximum_iterations"),
+                                            "schemes.position_based.iterations"))
     largest_density_ratio = 10.0  # two layers keep their volume within 1 %; at 1:1000 they grow by 2.8 %
     fields = (
         Field("pressure", "scalar", "Pa", "sum of the multipliers of a step over dt^2", carried=True),

@@ -10,11 +10,12 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 
 from sim.fields import Field
-from sim.settings import Settings
+from sim.settings import Numerics, Settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Scheme(abc.ABC):
     fields : particle fields of the scheme; `pressure` and `compression_rate` are two of them, for effects and frames.
     fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
     refuses : effects that it cannot run, with the reason.
+    unread : fields of the numerics that it does not read -> what takes their place, in words.
     largest_density_ratio : of two liquids, up to which it was shown to work.
     largest_density_ratio_full : the same in a full cavity, where liquids cannot give way; None where it is the same.
     """
@@ -42,20 +44,28 @@ class Scheme(abc.ABC):
     fields: tuple[Field, ...] = ()
     fills: tuple[str, ...] = ("closed", "open")
     refuses: Mapping[str, str] = MappingProxyType({})
+    unread: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
     largest_density_ratio_full: float | None = None
+
+    if TYPE_CHECKING:  # the fields are attributes
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, solver):
         self.solver = solver
         self.parameters = solver.settings.scheme or self.Parameters()
-        self.numerics = solver.settings.numerics
-        self.spacing = self.numerics.particle_spacing
+        self.spacing = solver.settings.numerics.particle_spacing
         self.search, self.walls = solver.search, solver.walls
         self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
         self.count = solver.particles.count
         for name in ("position", "velocity", "velocity_at_start", "acceleration", "volume", "mass", "phase",
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
+
+    @property
+    def numerics(self) -> Numerics:
+        """The present numerics."""
+        return self.solver.settings.numerics
 
     @classmethod
     def density_ratio_limit(cls, closed: bool) -> float:
@@ -67,6 +77,11 @@ class Scheme(abc.ABC):
     def time_step_limit(cls, settings) -> float:
         """Part of `stable_time_step` that follows from the settings alone, known before anything is compiled, s."""
         return float("inf")
+
+    @classmethod
+    def iteration_limit(cls, settings: Settings) -> tuple[int, str]:
+        """Most iterations of a pressure solve, and the key that sets them."""
+        return settings.numerics.maximum_iterations, "numerics.maximum_iterations"
 
     @classmethod
     def variant(cls, settings: Settings) -> type["Scheme"]:

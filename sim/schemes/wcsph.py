@@ -52,6 +52,8 @@ class WCSPH(Scheme):
     name = "wcsph"
     Parameters = WCSPHParameters
     refuses = MappingProxyType({"injection": "it has no pressure solve that could take up the growing volumes"})
+    unread = MappingProxyType(dict.fromkeys(("pressure_tolerance", "maximum_iterations"),
+                                            "the equation of state, which needs no solve"))
     largest_density_ratio = 100.0  # two layers at rest keep 1.1 % of rho g H; at 1:1000 particles pile up
     largest_density_ratio_full = 10.0  # liquids that change places in a full cavity gain energy at 1:30
     fields = (

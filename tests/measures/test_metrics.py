@@ -146,7 +146,7 @@ def test_wall_under_a_thin_wedge_is_not_touched(dimension, angle, fill, toleranc
 
 def test_angle_is_measured_through_the_liquid_that_is_not_oil(sphere):
     state = make_state(sphere, np.ones(len(sphere["fluid_position"])))
-    tension = InterfaceTensionParameters(coefficient=0.04, contact_angle=30.0)
+    tension = InterfaceTensionParameters(coefficient=0.04, contact_angle=np.radians(30.0))
     wetting = dataclasses.replace(state.scene, effects={"interface_tension": tension})
     oil_first = dataclasses.replace(wetting, liquids=(OIL, AQUEOUS))
     assert state.contact_angle is None
@@ -250,7 +250,7 @@ def test_stress_on_the_retina_of_an_eye_that_turns(sphere):
     position = sphere["fluid_position"]
     depth = RADIUS - np.linalg.norm(position, axis=1)
     around = np.stack([position[:, 2], np.zeros(len(position)), -position[:, 0]], axis=1) / RADIUS
-    rotation = EyeRotationParameters(saccades=(Saccade(0.0, 20.0),))
+    rotation = EyeRotationParameters(saccades=(Saccade(0.0, np.radians(20.0)),))
     scene = dataclasses.replace(make_scene(), effects={"eye_rotation": rotation})
     state = make_state(sphere, np.ones(len(position)), time=0.065)
     frame = dataclasses.replace(state.frame, velocity=3.0 * depth[:, None] * around)
@@ -295,7 +295,7 @@ def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     mixing = dataclasses.replace(scene, effects={"diffusion": DiffusionParameters(1e-6)})
     assert metrics.metrics_of(mixing) == [one for one in metrics.METRICS if not one.of_rotation]
     turning = dataclasses.replace(scene, effects=mixing.effects | {
-        "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, 9.0),))})
+        "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, np.radians(9.0)),))})
     assert metrics.metrics_of(turning) == metrics.METRICS
 
 

@@ -484,3 +484,32 @@ def test_frame_holds_velocities_energies_and_the_gravity_of_its_time(taichi, wri
     assert first.statistics["kinetic_energy"] == pytest.approx(0.5 * density * 0.38 * 0.4)
     mass = first.volume * np.where(oil, density, scene.liquids[0].density)
     assert first.statistics["potential_energy"] == pytest.approx(9.81 * mass @ first.position[:, 1])
+
+
+@pytest.mark.parametrize("scheme, place", [("dfsph", "schemes.dfsph"), ("wcsph", "equation of state"),
+                                           ("position_based", "schemes.position_based.iterations")])
+def test_numbers_that_a_scheme_does_not_read_are_refused(write, scheme, place):
+    def refusal(text: str) -> str:
+        with pytest.raises(UserError, match=rf"is not read by the scheme {scheme}: .*{place}") as caught:
+            load_scene(write(text), "draft")
+        return str(caught.value)
+
+    text = f"extends: base\nnumerics: {{scheme: {scheme}, pressure_tolerance: 1.0e-5}}\n"
+    assert "numerics.pressure_tolerance" in refusal(text)
+    text = f"extends: base\nlevels: {{draft: {{maximum_iterations: 7}}}}\nnumerics: {{scheme: {scheme}}}\n"
+    assert "levels.draft.maximum_iterations" in refusal(text)
+    load_scene(write(text), "fine")
+    load_scene(write(f"{text}effects: {{viscosity_implicit: {{}}}}\n"), "draft")  # which reads it
+
+
+def test_limit_of_another_scheme_is_quoted_by_its_own_key(taichi, write, tmp_path, capsys):
+    from pipeline.simulate import simulate_segment
+    from pipeline.simulation.runner import Runner
+    from pipeline.simulation.solver_setup import build_solver
+
+    chosen = "schemes: {dfsph: {maximum_iterations: 3, density_error: 1.0e-7}}\n"
+    text = f"extends: base\nnumerics: {{scheme: dfsph}}\n{chosen}"
+    scene = load_scene(write(text), "draft")
+    simulate_segment(scene, Runner(build_solver(scene, container_arrays(scene))), 0, tmp_path)
+    assert "the pressure solve ended at its limit of 3 iterations (schemes.dfsph.maximum_iterations) in" in (
+        capsys.readouterr().out)

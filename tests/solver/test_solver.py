@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
+from sim.diagnosis import Watcher
 from sim.effects import REGISTRY
 from sim.effects.gravity import POSTURES, Jolt, Turn, rotate_towards
 from sim.errors import OutOfRoom, RunError
@@ -181,6 +182,19 @@ def test_velocity_that_is_not_finite_is_named(tank, bad):
         assert f"{coordinate:.4g}".rstrip("0")[:5] in str(caught.value).replace("e-03", "")
 
 
+def test_settings_that_kernels_hold_stay_as_they_are(bare):
+    solver, at_rest = bare
+    solver.restore(at_rest)
+    before = solver.settings
+    with pytest.raises(ValueError, match="particle_spacing, support_ratio cannot change once the solver is built"):
+        solver.set_time_steps(support_ratio=3.0, particle_spacing=1e-4, time_step=1e-4)
+    assert solver.settings == before
+    solver.set_time_steps(time_step=1e-4)
+    assert solver.step() == 1e-4 == solver.scheme.numerics.time_step
+    solver.set_time_steps(time_step=None)
+    assert solver.settings == before
+
+
 def test_vanishing_time_step_is_a_divergence(tank):
     velocity = tank.particles.to_numpy("velocity")
     velocity[5] = [3e4, 0.0]
@@ -346,3 +360,19 @@ class Recorded(Scripted):
 def test_statistics_of_a_frame_are_means_and_the_largest_of_maxima():
     found = Runner(Recorded(None)).advance({}, 1.0, lambda solver, dt: None)
     assert found == {"time_step": 1.5, "residual_maximum": 3.0}
+
+
+# A run that went bad is repeated with a look at every effect by itself.
+
+def test_effects_one_by_one_give_what_they_give_together(circle):
+    effects = [cavities.parameters(name, **values) for name, values in {
+        "gravity": {}, "cohesion": {"tension": 0.02}, "adhesion": {"beta": 1e-3}, "viscosity": {}}.items()]
+    solver = cavities.build(circle, effects=effects, velocity=lambda x: x[:, ::-1])
+    solver.prepare_output()
+    solver.accelerate(0.0)
+    together = solver.particles.to_numpy("acceleration")
+    one_by_one = np.zeros_like(together)
+    for alone in Watcher(solver).alone.values():
+        alone.accelerate()
+        one_by_one += solver.particles.to_numpy("acceleration")
+    assert one_by_one == pytest.approx(together, rel=1e-6, abs=1e-6 * np.abs(together).max())

@@ -34,7 +34,7 @@ MOST_SUB_STEPS = 100_000
 class Mixing(Effect):
     """Base of the effects that exchange liquids between particles: they give `pair_flux` and `pair_rate`."""
 
-    fields = (
+    fields: tuple[Field, ...] = (
         Field("volume_fraction", "liquids", "1", "volume fraction of every liquid", carried=True),
         Field("volume_fraction_next", "liquids", "1", "volume fractions after the sub-step"),
         Field("velocity_next", "vector", "m/s", "velocity after the exchange of momentum"),

@@ -17,7 +17,7 @@ BOX = (16.0 * SPACING, 10.0 * SPACING)
 
 
 def with_tension(arrays, contact_angle, phase):
-    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=contact_angle),
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=np.radians(contact_angle)),
                cavities.parameters("viscosity_implicit"))
     return cavities.build(arrays, effects=effects, liquids=LIQUIDS, phase=phase, pressure_tolerance=1e-4)
 
@@ -253,3 +253,21 @@ def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosi
     assert speed[-1] == pytest.approx(1.42e-4, rel=0.06)
     falling = speed[speed.argmax():]
     assert falling[-1] < 0.4 * falling[0] and (np.diff(speed[-30:]) < 0.0).all()
+
+
+def test_contact_angle_is_read_when_kernels_run():
+    arrays = cavities.cavity("box", BOX)
+
+    def after_a_step(solver) -> dict:
+        solver.step()
+        return solver.state()
+
+    changed, built = (with_tension(arrays, angle, lambda x: x[:, 0] < 0.0) for angle in (90.0, 60.0))
+    start = changed.state()
+    neutral = after_a_step(changed)
+    changed.restore(start)
+    next(e for e in changed.effects if e.name == "interface_tension").level_set.set_contact_angle(np.radians(60.0))
+    wetting, expected = after_a_step(changed), after_a_step(built)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(wetting[name], values, err_msg=name)
+    assert not np.array_equal(neutral["particles.velocity"], wetting["particles.velocity"])

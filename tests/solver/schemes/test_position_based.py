@@ -263,7 +263,7 @@ EFFECTS = {
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},
     "adhesion": {"beta": 10.0},
-    "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0},
+    "interface_tension": {"coefficient": 0.04, "contact_angle": np.radians(60.0)},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
     "diffusion": {"coefficient": 1e-5},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "efficiency": 1e6,
