@@ -43,6 +43,17 @@ def taichi():
     return ti
 
 
+@pytest.fixture
+def anew(taichi) -> None:
+    """Start Taichi anew for a test, so that its kernels are those of the last run, whatever was tested before.
+
+    A compiled kernel is found again only where its fields have the same numbers, which count from the start.
+    """
+    from sim.runtime import restart
+
+    restart()
+
+
 @pytest.fixture(scope="session")
 def can_draw() -> bool:
     """Return whether this machine has OpenGL; asked in a child process, because a missing library is a crash."""

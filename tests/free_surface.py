@@ -74,11 +74,11 @@ def dam_front(scheme: str, particles: int, **more):
     return np.array(front), DAM_FRONT[1:, 1]
 
 
-def full_box(scheme: str, dimension: int, names):
+def full_box(scheme: str, dimension: int, names, light: Liquid = OIL):
     """Return a small full box of two liquids (and droplets) that is stirred, with the named effects all at once."""
     effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
     return build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
-                 liquids=(AQUEOUS, OIL, Liquid("droplets", OIL.density, OIL.dynamic_viscosity)), scheme=scheme,
+                 liquids=(AQUEOUS, light, Liquid("droplets", light.density, light.dynamic_viscosity)), scheme=scheme,
                  velocity=lambda x: 1e-2 * np.sin(1e3 * x))
 
 

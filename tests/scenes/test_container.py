@@ -295,7 +295,7 @@ def state_of(scene, arrays, time=0.0):
 
 
 @pytest.mark.parametrize("text", ["extends: base", SPACE], ids=["plane", "space"])
-def test_surfaces_of_blocks_have_their_volume_and_place(taichi, write, text):
+def test_surfaces_of_blocks_have_their_volume_and_place(anew, write, text):
     scene = load_scene(write(text), "draft")
     arrays = container_arrays(scene)
     reconstructor = Reconstructor(arrays, 2, free_surface=True)
@@ -310,7 +310,7 @@ def test_surfaces_of_blocks_have_their_volume_and_place(taichi, write, text):
     assert reconstructor.section() is None
 
 
-def test_drops_in_the_void_have_their_area(taichi, base):
+def test_drops_in_the_void_have_their_area(anew, base):
     arrays = container_arrays(base)
     frame = state_of(base, arrays)
     position = frame.position.copy()
@@ -322,7 +322,7 @@ def test_drops_in_the_void_have_their_area(taichi, base):
     np.testing.assert_allclose(drops[:len(alone)], frame.volume[alone[0]], rtol=0.15)
 
 
-def test_full_container_in_a_plane_has_one_interface(taichi, write):
+def test_full_container_in_a_plane_has_one_interface(anew, write):
     fill = "blocks: null\ninitial: {fill: {aqueous: 30 %, silicone_oil_1000: 70 %}}"
     scene = load_scene(write(f"extends: base\n{fill}\n"), "draft")
     arrays = container_arrays(scene)
@@ -336,7 +336,7 @@ def test_full_container_in_a_plane_has_one_interface(taichi, write):
 # Pictures
 
 @pytest.fixture
-def drawn(taichi, write, tmp_path, monkeypatch):
+def drawn(anew, write, tmp_path, monkeypatch):
     """Return a function that draws the start of a scene and gives its pixels."""
     def draw(text, *options):
         scene = load_scene(write(text), "draft")
@@ -436,7 +436,7 @@ def test_all_stages_by_command_line(base, tmp_path):
 FOLDERS = ("frames", "surfaces", "images", "plots")
 
 
-def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(taichi, write):
+def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(anew, write):
     from pipeline.simulation.solver_setup import build_solver
     from sim.solver import Divergence
 
@@ -453,7 +453,7 @@ def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(taichi, write):
         solver.step()
 
 
-def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsys):
+def test_solve_that_ends_at_its_limit_is_reported(anew, write, tmp_path, capsys):
     from pipeline.simulate import simulate_segment
     from pipeline.simulation.runner import Runner
     from pipeline.simulation.solver_setup import build_solver

@@ -8,7 +8,7 @@ from sim.fields import Field, ParticleStore
 from sim.neighbor_search import NeighborSearch, corners
 from sim.smoothing_kernels import WendlandC2
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 SPACING = 1e-3
 SUPPORT = 2.5e-3
 FIELDS = (Field("id", "integer", "", "input order", carried=True), Field("position", "vector", "m", "", carried=True),

@@ -129,7 +129,7 @@ def test_parting_finds_the_profile_in_labels_of_particles(dimension, angle, fill
     assert apex == pytest.approx(exact.apex, abs=0.3 * spacing)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.slow
 @pytest.mark.parametrize("density_difference", [35.0, -35.0], ids=["heavy", "light"])
 def test_oil_in_a_circle_comes_to_rest_at_its_arc(monkeypatch, density_difference):

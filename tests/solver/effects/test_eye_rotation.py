@@ -54,7 +54,7 @@ def test_head_turns_the_other_way_in_the_eye():
     np.testing.assert_allclose(rotation.into_eye(np.array([0.0, 0.0, 1.0]), 2.0), [-1.0, 0.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_gravity_stays_with_the_head():
     arrays = cavities.cavity("circle", cavities.RADIUS)
     solver = cavities.build(arrays, liquids=(WATER,), phase=lambda x: np.zeros(len(x)), effects=(
@@ -65,7 +65,7 @@ def test_gravity_stays_with_the_head():
     np.testing.assert_allclose(gravity.at(1.0), [-9.81, 0.0], atol=1e-12)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_liquid_at_rest_in_the_head_circles_in_the_eye(dimension):
     """It moves at -w x r there, and is accelerated to the axis by w^2 times its distance and by -dw/dt x r.
@@ -103,7 +103,7 @@ def test_stress_of_a_run_that_failed_is_no_number(monkeypatch):
     assert len(judged) == 4 and not any(row.holds for row in judged) and "went bad" in outcome.remarks[0]
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_liquid_without_viscosity_stays_behind():
     """In a round eye nothing drags it along: it turns back by the angle of the saccade, and rests again.
 
@@ -125,7 +125,7 @@ def test_liquid_without_viscosity_stays_behind():
     assert np.sqrt(np.mean(np.sum(velocity**2, axis=1))) < 0.03 * saccade.peak * cavities.RADIUS
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("motion", ["oscillation", "saccade"])
 def test_liquid_in_a_turned_circle(motion):
     """T14 at 8 spacings per radius; 1 % of the wall's speed and 6 % of the stress, a third more than was measured."""
@@ -136,7 +136,7 @@ def test_liquid_in_a_turned_circle(motion):
     assert len(judged) == 4 and all(row.holds for row in judged), judged
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_modes_and_oscillation_have_no_slip_and_start_at_rest():
     for motion, dimension in (("oscillation", 2), ("oscillation", 3), ("saccade", 2), ("saccade", 3)):
         case = turned_sphere.Parameters(dimension=dimension, motion=motion, womersley=3.0)

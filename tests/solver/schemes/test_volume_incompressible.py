@@ -5,7 +5,7 @@ import pytest
 
 from sim.schemes.volume_incompressible import SOFTENED
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 STEP = 1e-3
 
 
