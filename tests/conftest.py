@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_snakemake
 import numpy as np
 import pytest
 from taichi.lang.ast import ast_transformer_utils
@@ -106,8 +107,9 @@ class Project:
 
     def snakemake(self, *arguments: str) -> tuple[int, str]:
         """Run Snakemake to its end; return its exit code and all that it printed."""
-        code = self.start(*arguments).wait()
-        return code, (self.folder / "snakemake.log").read_text()
+        log = self.folder / "snakemake.log"
+        code = forked_snakemake.run(self.folder, arguments, log)
+        return code, log.read_text()
 
 
 @pytest.fixture
