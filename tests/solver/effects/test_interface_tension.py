@@ -158,11 +158,25 @@ def test_a_drop_of_one_particle_rises(circle):
     assert 1e-3 < height() - start < 5e-3
 
 
-def test_nodes_behind_the_wall_do_not_depend_on_their_order():
-    """Their images lie between each other; with a thread each, what one reads must not depend on who was first."""
+@pytest.fixture(scope="module")
+def sphere(taichi):
+    """Return a sphere that is half full of oil, and its state at the start."""
     solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, 3), 30.0, lambda x: x[:, 1] > 0.0)
+    return solver, solver.state()
+
+
+@pytest.fixture
+def level_set(sphere):
+    """Return the level set of the sphere after its first step, and the solver."""
+    solver, start = sphere
+    solver.restore(start)
     solver.step()
-    level_set = next(effect for effect in solver.effects if effect.name == "interface_tension").level_set
+    return next(effect for effect in solver.effects if effect.name == "interface_tension").level_set, solver
+
+
+def test_nodes_behind_the_wall_do_not_depend_on_their_order(level_set):
+    """Their images lie between each other; with a thread each, what one reads must not depend on who was first."""
+    level_set, _ = level_set
     start = np.random.default_rng(0).normal(size=level_set.phi.shape[0])
 
     def values() -> np.ndarray:
@@ -180,11 +194,9 @@ def test_nodes_behind_the_wall_do_not_depend_on_their_order():
     assert np.array_equal(values(), forward)
 
 
-def test_sums_at_the_nodes_are_those_of_all_particles_in_reach():
+def test_sums_at_the_nodes_are_those_of_all_particles_in_reach(level_set):
     """Whatever slab of nodes they lie in: the weights of a lattice of nodes against a sum over all particles."""
-    solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, 3), 30.0, lambda x: x[:, 1] > 0.0)
-    solver.step()
-    level_set = next(effect for effect in solver.effects if effect.name == "interface_tension").level_set
+    level_set, solver = level_set
     level_set._mark()
     level_set._splat()
     grid = solver.distance

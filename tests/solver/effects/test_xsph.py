@@ -73,9 +73,9 @@ def test_wall_holds_the_liquid_where_it_does_not_slip(values):
     speed = {}
     for wall in ("no_slip", "free_slip"):
         solver = cavities.anew(
-            cavities.build, cavities.cavity("box", (12e-3, 12e-3), periodic=(0,)), liquids=(WATER,), scheme="position_based",
-            effects=(cavities.parameters("xsph", wall=wall, **values),), phase=lambda x: np.zeros(len(x)),
-            velocity=lambda x: np.ones_like(x) * [0.1, 0.0])
+            cavities.build, cavities.cavity("box", (12e-3, 12e-3), periodic=(0,)), liquids=(WATER,),
+            scheme="position_based", effects=(cavities.parameters("xsph", wall=wall, **values),),
+            phase=lambda x: np.zeros(len(x)), velocity=lambda x: np.ones_like(x) * [0.1, 0.0])
         cavities.run(solver, 0.05)
         position, velocity = cavities.read(solver, "position", "velocity")
         edge = np.abs(position[:, 1]) > 5e-3
