@@ -6,7 +6,7 @@
                                                           first take over the numbers of these runs
 """
 import argparse
-import dataclasses
+import csv
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,13 +14,14 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import settle, table
-from pipeline.results.tables import FOLDER, Headline, Layout, Page, Row, Table, read_layout, read_rows, write_rows
+from pipeline.results.tables import FOLDER, LAYOUT, Headline, Layout, Page, Row, read_layout, read_rows, write_rows
 from pipeline.results.take_over import take_over
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = "python -m pipeline.result_pages"
 BEGIN, END = "<!-- numbers of docs/results -->", "<!-- end of the numbers -->"
 ABOUT = ("size", "level", "machine", "code", "command")  # what many rows share
+BENCHMARKS, PEERS = "benchmarks", Path("benchmarks") / "dam_break" / "results.csv"  # docs/benchmarks.md has them
 AGE = "README.md#how-old-is-a-number"
 
 
@@ -95,9 +96,9 @@ def wide_table(rows: Sequence[Row], own: Sequence[str], footnotes: Footnotes) ->
     for quantity in quantities:
         of = [found.get((case, quantity)) for case in cases]
         columns[quantity] = [_cell(row, footnotes) if row else "" for row in of]
-        for name, unit in (("expected", "unit"), ("error", "error_unit"), ("allowed", "error_unit"), ("holds", "")):
+        for name, unit in (("expected", "unit"), ("allowed", "error_unit"), ("holds", "")):
             cells = [amount(getattr(row, name), getattr(row, unit) if unit else "") if row else "" for row in of]
-            if any(cells) and not (name == "error" and not any(row.value for row in of if row)):
+            if any(cells):
                 columns[f"{quantity}: {name}"] = cells
     for name in own:
         columns[name] = [", ".join(dict.fromkeys(_about(name, getattr(row, name)) for row in rows if row.case == case
@@ -148,8 +149,7 @@ def headline(one: Headline, rows: dict[str, list[Row]]) -> Row:
     found = [row for row in rows.get(one.page, []) if (row.case, row.quantity) == (one.case, one.quantity)
              and one.level in ("", row.level)]
     if len(found) != 1:
-        raise UserError(f"{len(found)} rows of the page {one.page} are {one.case}: {one.quantity}, but the README needs "
-                        "one")
+        raise UserError(f"{len(found)} rows of the page {one.page} are {one.case}: {one.quantity}; README.md needs 1")
     return found[0]
 
 
@@ -168,10 +168,19 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
     for one in layout.headlines:
         row = headline(one, rows)
         shown = amount(row.value, row.unit) if row.value else amount(row.error, row.error_unit)
-        body.append((f"[{one.words}]({(FOLDER / one.page).as_posix()}.md)", f"**{shown}**",
-                     amount(row.expected, row.unit) if row.value else "", row.size, f"`{row.command}`"))
-    head = ("what", "number", "to compare", "size", "command")
+        place = Path("docs") if one.page == BENCHMARKS else FOLDER
+        body.append((f"[{one.words}]({(place / one.page).as_posix()}.md)", f"**{shown}**",
+                     amount(row.expected, row.unit) if row.value else "", row.holds, row.size, f"`{row.command}`"))
+    head = ("what", "number", "to compare", "holds", "size", "command")
     return f"{before}{mark}\n{table(head, body)}\n{other}{after}"
+
+
+def benchmark_rows(root: Path) -> list[Row]:
+    """Return the numbers of the README that the benchmarks have in a table of their own."""
+    with (root / PEERS).open(newline="", encoding="utf-8") as file:
+        return [Row("", f"{line['program']}, {line['particles']}", "times as fast as SPlisHSPlasH",
+                    f"{float(line['wall_ratio']):.1f}", size=f"{int(line['particles']):,} particles",
+                    command="python benchmarks/dam_break/compare.py") for line in csv.DictReader(file)]
 
 
 def pages_of(root: Path, layout: Layout, rows: dict[str, list[Row]]) -> dict[Path, str]:
@@ -179,7 +188,8 @@ def pages_of(root: Path, layout: Layout, rows: dict[str, list[Row]]) -> dict[Pat
     texts = {root / FOLDER / f"{page.name}.md": page_text(page, rows[page.name]) for page in layout.pages}
     readme = root / "README.md"
     return texts | {root / FOLDER / "README.md": index_text(layout, rows),
-                    readme: readme_text(readme.read_text(encoding="utf-8"), layout, rows)}
+                    readme: readme_text(readme.read_text(encoding="utf-8"), layout,
+                                        rows | {BENCHMARKS: benchmark_rows(root)})}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -187,12 +197,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p = argparse.ArgumentParser(prog=COMMAND, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--check", action="store_true", help="compare only")
     p.add_argument("--take", type=Path, nargs="+", default=[], metavar="DIR",
-                   help="outputs/studies/<study>/<level> or outputs/<scene>/<level>, whose numbers replace those that the "
-                        "tables have of them")
+                   help="outputs/studies/<study>/<level> or outputs/<scene>/<level>, whose numbers replace older ones")
     p.add_argument("--add", default="", metavar="TABLE=PATTERN",
                    help="with --take of a study: also bring cases of such names that a table does not have yet")
-    p.add_argument("--code", help="version of the code that made them (default: this version, and the last commit "
-                                  "before)")
+    p.add_argument("--code", help="what the column code says of them (default: this version and the last commit before "
+                                  "they were written)")
     p.add_argument("--project", type=Path, default=ROOT, metavar="DIR", help="folder of README.md and docs")
     options = p.parse_args(arguments)
     if options.check and options.take:
@@ -200,10 +209,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.project / FOLDER
     layout = read_layout(folder)
     rows = {page.name: read_rows(folder, page) for page in layout.pages}
+    known = {"README", *rows}
+    if strangers := [path for path in folder.iterdir() if path.suffix in (".md", ".csv") and path.stem not in known]:
+        raise UserError(f"{strangers[0]}: belongs to no page of {LAYOUT}; remove it")
     if options.take:
         version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
         for taken in options.take:
-            count = take_over(taken, layout, rows, options.code or version, options.add)
+            count = take_over(taken, layout, rows, version, options.code, options.add)
             print(f"{taken}: {count} numbers")
         for page in layout.pages:
             write_rows(folder, page, rows[page.name])

@@ -1,11 +1,11 @@
 """Numbers of fresh runs come into the tables of ``docs/results``.
 
-From a study, ``outputs/studies/<study>/<level>``: each row of its ``table.csv`` replaces the row of the same level, case and
-quantity; a row that is named otherwise has "case: quantity" of the study as its source.
+From a study, ``outputs/studies/<study>/<level>``: each row of its ``table.csv`` replaces the row of the same level,
+case and quantity; a row that is named otherwise has "case: quantity" of the study as its source.
 
 From a scene, ``outputs/<scene>/<level>``: rows of that level whose source is "<scene>: <what> <how>". What: a column of
-``metrics.csv`` without its unit; how: last, largest, smallest, or change (the largest of |x / x at its first frame - 1|).
-Or what: a stage, or all; how: wall, cpu or memory, as its logs say.
+``metrics.csv`` without its unit; how: last, largest or smallest. Or what: a stage, or all; how: wall, cpu or memory, as
+the logs say.
 """
 import csv
 import dataclasses
@@ -25,8 +25,7 @@ from pipeline.results.tables import Layout, Page, Row
 from pipeline.scenes.units import parse_quantity
 
 STUDIES = "studies"
-HOW = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min,
-       "change": lambda x: np.abs(x / x[x != 0.0][0] - 1.0)[x != 0.0].max()}
+HOW = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
 TAKEN = {"wall": "s", "cpu": "s", "memory": "B"}
 
 
@@ -38,22 +37,26 @@ class Made:
     code: str
 
 
-def made(path: Path, version: str) -> Made:
-    """Return this computer, and the version with the last commit that is older than a file."""
+def made(path: Path, version: str, code: str | None = None) -> Made:
+    """Return this computer and, where the code is not told, the version with the last commit older than a file."""
     info = Path("/proc/cpuinfo")
     names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
     moment = datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat()
-    commit = subprocess.run(["git", "log", "-1", f"--before={moment}", "--format=%h"], capture_output=True, text=True)
-    code = f"{version} ({commit.stdout.strip()})" if not commit.returncode and commit.stdout.strip() else version
+    log = subprocess.run(["git", "log", "-1", f"--before={moment}", "--format=%h"], cwd=Path(__file__).parent,
+                         capture_output=True, text=True)
+    commit = log.stdout.strip() if log.returncode == 0 else ""
+    code = code or (f"{version} ({commit})" if commit else version)
     return Made(f"{names[0] if names else os.uname().machine}, {os.cpu_count()} cores", code)
 
 
-def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version: str, add: str = "") -> int:
+def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version: str,
+              code: str | None = None, add: str = "") -> int:
     """Replace the rows that a folder of outputs has anew; return how many.
 
     Parameters
     ----------
     rows : page -> its rows, which are changed.
+    version, code : of this project, and of the code that made the numbers where that is known.
     add : "table=case pattern" of rows of a study that are added where none is replaced.
 
     Raises
@@ -62,9 +65,9 @@ def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version:
     """
     folder = folder.resolve()
     if (folder / "table.csv").is_file() and folder.parent.parent.name == STUDIES:
-        count = _from_study(folder, layout, rows, made(folder / "table.csv", version), add)
+        count = _from_study(folder, layout, rows, made(folder / "table.csv", version, code), add)
     elif (folder / "metrics.csv").is_file():
-        count = _from_scene(folder, rows, made(folder / "metrics.csv", version))
+        count = _from_scene(folder, rows, made(folder / "metrics.csv", version, code))
     else:
         raise UserError(f"{folder}: is neither outputs/studies/<study>/<level> with a table.csv nor "
                         "outputs/<scene>/<level> with a metrics.csv")
@@ -108,10 +111,11 @@ def _fill(row: Row, line: dict[str, str], by: Made) -> None:
     value, expected, error, allowed = (float(line[name]) if line[name] else math.nan
                                        for name in ("value", "reference", "error", "tolerance"))
     unit = _unit(line["unit"])
-    row.value, row.expected = (_digits(_converted(number, unit, row.unit)) for number in (value, expected))
+    row.value = _digits(_converted(value, unit, row.unit))
+    if line["reference"]:
+        row.expected = _digits(_converted(expected, unit, row.unit))
     # What is told as the error is relative to what is expected, or in the unit of the value.
-    relative = expected not in (0.0, math.nan) and math.isclose(error * abs(expected), abs(value - expected),
-                                                                 rel_tol=1e-2, abs_tol=1e-12)
+    relative = expected != 0.0 and math.isclose(error * abs(expected), abs(value - expected), rel_tol=1e-2)
     row.error_unit = row.error_unit or ("%" if relative else row.unit) if line["error"] else ""
     row.error, row.allowed = (_digits(_converted(number, "" if relative else unit, row.error_unit))
                               for number in (error, allowed))
@@ -136,8 +140,10 @@ def _from_scene(folder: Path, rows: dict[str, list[Row]], by: Made) -> int:
             number, unit = _metric(columns, what, how, f"{folder}: {row.source}")
         row.value = _digits(_converted(number, unit, row.unit))
         row.machine, row.code = by.machine, by.code
-        if row.expected:
-            row.error = ""  # of the number that was there before
+        if row.error:
+            row.error = _digits(abs(float(row.value) - float(row.expected or 0.0)))
+            if row.allowed:
+                row.holds = "yes" if float(row.error) <= float(row.allowed) else "no"
         count += 1
     return count
 
