@@ -29,7 +29,7 @@ def amount(number: str, unit: str) -> str:
     """Return a number with its unit; digits of whole numbers in threes."""
     if not number:
         return ""
-    text = f"{int(number):,}" if number.lstrip("-").isdecimal() and len(number.lstrip("-")) > 4 else number
+    text = f"{int(number):,}" if number.lstrip("-").isdecimal() else number
     return f"{text} {unit}".strip()
 
 
