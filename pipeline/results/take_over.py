@@ -12,6 +12,7 @@ import dataclasses
 import fnmatch
 import math
 import os
+import re
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
@@ -111,9 +112,9 @@ def _fill(row: Row, line: dict[str, str], by: Made) -> None:
     value, expected, error, allowed = (float(line[name]) if line[name] else math.nan
                                        for name in ("value", "reference", "error", "tolerance"))
     unit = _unit(line["unit"])
-    row.value = _digits(_converted(value, unit, row.unit))
+    row.value = _digits(_converted(value, unit, row.unit), row.value)
     if line["reference"]:
-        row.expected = _digits(_converted(expected, unit, row.unit))
+        row.expected = _digits(_converted(expected, unit, row.unit), row.expected)
     # What is told as the error is relative to what is expected, or in the unit of the value.
     relative = expected != 0.0 and math.isclose(error * abs(expected), abs(value - expected), rel_tol=1e-2)
     row.error_unit = row.error_unit or ("%" if relative else row.unit) if line["error"] else ""
@@ -138,10 +139,11 @@ def _from_scene(folder: Path, rows: dict[str, list[Row]], by: Made) -> int:
             number, unit = taken[what][how], TAKEN[how]
         else:
             number, unit = _metric(columns, what, how, f"{folder}: {row.source}")
-        row.value = _digits(_converted(number, unit, row.unit))
+        number = _converted(number, unit, row.unit)
+        row.value = _digits(number, row.value)
         row.machine, row.code = by.machine, by.code
         if row.error:
-            row.error = _digits(abs(float(row.value) - float(row.expected or 0.0)))
+            row.error = _digits(abs(number - float(row.expected or 0.0)), row.error)
             if row.allowed:
                 row.holds = "yes" if float(row.error) <= float(row.allowed) else "no"
         count += 1
@@ -174,8 +176,12 @@ def _converted(number: float, unit: str, wanted: str) -> float:
         raise UserError(f"a number of a study is {error}") from error
 
 
-def _digits(number: float) -> str:
-    """Four digits are more than any of these numbers has to say; whole numbers keep all."""
+def _digits(number: float, before: str = "") -> str:
+    """Return a number with the decimals of the one before, where they leave two digits, else with four digits."""
     if math.isnan(number):
         return ""
-    return str(int(number)) if float(number).is_integer() and abs(number) < 1e15 else f"{number:.4g}"
+    if re.fullmatch(r"-?\d+(\.\d+)?", before):
+        text = f"{number:.{len(before.partition('.')[2])}f}"
+        if number == 0.0 or len(text.replace(".", "").lstrip("-0")) > 1:
+            return text
+    return str(int(number)) if number.is_integer() and abs(number) < 1e15 else f"{number:.4g}"
