@@ -81,7 +81,7 @@ spacing, 40 steps after the first 20. Medians of turns.
 
 ## The paper's scenes in two dimensions
 
-`python benchmarks/paper_scenes.py`: two blocks and a drop of ink at the size of S1 (Table I), all
+`python benchmarks/paper_scenes.py`: two blocks and a drop of ink at the size of Song et al. (Table I), all
 3 s of them, in one turn. The paper ran them on an NVIDIA RTX 2080 SUPER. The last columns are shares of the time.
 
 {paper_scenes()}

@@ -196,14 +196,14 @@ class Solver:
             self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:
-        """Smallest limit of the scheme and of the active effects, s."""
+        """Smallest limit of the scheme and of the active effects, s (docs/methods/time_step.md)."""
         numerics = self.settings.numerics
         speed, change = self.largest[SPEED], self.largest[CHANGE]
         limits = [numerics.maximum_time_step]
         if speed > 0.0:
-            limits.append(numerics.courant_number * self.spacing / speed)
+            limits.append(numerics.courant_number * self.spacing / speed)  # (A1)
         if change > 0.0:
-            limits.append(0.5 * (self.spacing / change) ** 0.5)
+            limits.append(0.5 * (self.spacing / change) ** 0.5)  # (A2)
         if self.step_count == 0:  # no acceleration was measured yet
             limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
                        if e.name == "gravity" and e.largest_acceleration() > 0.0]

@@ -1,4 +1,4 @@
-"""T12: two layers of liquid driven along a channel (two-phase Poiseuille flow).
+"""Two layers of liquid driven along a channel (two-phase Poiseuille flow).
 
 A force density G along x in a channel that repeats itself, liquid 1 below and 2 above the middle, no slip at the walls
 y = -H and H: u_k = G H^2/(2 mu_k) [2 mu_k/(mu_1 + mu_2) + (mu_1 - mu_2)/(mu_1 + mu_2) y/H - (y/H)^2]. The shear stress
@@ -26,9 +26,9 @@ PERIOD = 12  # length of the channel in particle spacings
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
 HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("channel_profile", "T12: velocity of two layers in a channel, finest resolution", "velocity / largest",
+    Figure("channel_profile", "Velocity of two layers in a channel, finest resolution", "velocity / largest",
            "y / H"),
-    Figure("channel_error", "T12: error of the velocity of two layers", "particle spacing / H", "relative L2 error",
+    Figure("channel_error", "Error of the velocity of two layers", "particle spacing / H", "relative L2 error",
            logarithmic=True),
 )
 

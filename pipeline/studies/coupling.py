@@ -1,4 +1,4 @@
-"""S1 Figs. 4 and 5: two blocks of liquid, one half as dense as the other, fall into a container; three methods.
+"""Two blocks of liquid, one half as dense as the other, fall into a container; three methods [song, figs. 4, 5].
 
 The paper reads retained mechanical energy as accuracy. Energy that viscosity takes is no error, so that E(t) is also
 shown with the work of the viscous forces added: what is then missing is the dissipation of the method itself (all of
@@ -24,8 +24,8 @@ from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
 
 FIGURES = (
-    Figure("coupling_time", "Time per frame (S1 Fig. 5)", "frame", "seconds of all cores"),
-    Figure("coupling_energy", "Mechanical energy (S1 Fig. 5)", "frame", "energy above rest / that of the "
+    Figure("coupling_time", "Time per frame (Song et al., Fig. 5)", "frame", "seconds of all cores"),
+    Figure("coupling_energy", "Mechanical energy (Song et al., Fig. 5)", "frame", "energy above rest / that of the "
            "reference frame"),
     Figure("coupling_balance", "Mechanical energy plus what viscosity has taken", "frame",
            "(energy above rest + viscous work) / start"),

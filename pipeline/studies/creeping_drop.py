@@ -1,4 +1,4 @@
-"""T15: a small drop rises slowly through another liquid.
+"""A small drop rises slowly through another liquid.
 
 Hadamard and Rybczynski's drop of radius a, in the middle of a spherical cavity of radius R instead of an infinite
 liquid (after Haberman & Sayre 1958): both flows solve the equations of Stokes, u_r = f(r) cos(theta) with
@@ -28,7 +28,7 @@ LIGHTER = 35.0  # kg/m^3, drho
 GRAVITY = 9.81  # m/s^2
 BOND, REYNOLDS = 0.1, 0.1  # drho g a^2 / sigma and rho U a / mu_o, U as in an infinite liquid
 FIGURES = (
-    Figure("creeping_drop", "T15: speed of a rising drop", "way / radius", "speed / exact"),
+    Figure("creeping_drop", "Speed of a rising drop", "way / radius", "speed / exact"),
 )
 
 

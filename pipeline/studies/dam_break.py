@@ -1,12 +1,12 @@
-"""T16: the front of a collapsing column, against the experiments of Martin & Moyce (1952).
+"""The front of a collapsing column, against the experiments of Martin & Moyce (1952).
 
 A column of width a and height 2a runs along the floor; Z = x/a over tau = t sqrt(2g/a). Computed fronts run 5 to 15 %
 ahead of the experiment (release of the gate, friction of the floor), so the front is asked for within a band from 5 %
 behind to 15 % ahead, and its speed once it is steady (tau > 5) to be that of the experiment, where Z grows by 1.7 per
 tau; a front without friction would end at 2.
 
-With `air` the rest of the box is full of a second liquid of that density over that of water (T17): the cavity is closed
-and nothing may throw the light liquid about. What is heavier than air (1:800) also brakes the front more.
+With `air` the rest of the box is full of a second liquid of that density over that of water: the cavity is closed and
+nothing may throw the light liquid about. What is heavier than air (1:800) also brakes the front more.
 
 The tip of the layer, thinner than a particle, breaks up into single particles that fly ahead as spray. The front is
 that of the water: the farthest particle that has two others within 1.5 spacings. The farthest particle of all is
@@ -49,9 +49,9 @@ NARROW = np.array([
     (0.849, 1.245), (1.212, 1.443), (1.602, 1.884), (2.283, 2.689), (2.950, 3.728), (3.598, 4.528), (3.905, 4.999),
     (4.592, 5.841), (4.961, 6.271), (5.316, 6.717)])
 FIGURES = (
-    Figure("dam_break_front", "T16: front of a collapsing column, finest resolution", "time sqrt(2g/a)",
+    Figure("dam_break_front", "Front of a collapsing column, finest resolution", "time sqrt(2g/a)",
            "front / width of the column"),
-    Figure("dam_break_energy", "T16: mechanical energy, finest resolution", "time sqrt(2g/a)",
+    Figure("dam_break_energy", "Mechanical energy, finest resolution", "time sqrt(2g/a)",
            "(kinetic + potential energy) / start"),
 )
 

@@ -1,4 +1,4 @@
-"""T18: diffusion of volume fractions between particles at rest, from a step and from a Gaussian blob.
+"""Diffusion of volume fractions between particles at rest, from a step and from a Gaussian blob.
 
 A step becomes alpha = erfc(x/(2 sqrt(D t)))/2: the second moment of its slope, 2 times the integral of
 |x| |alpha - step|, is 2 D t. The mean square distance of a blob from its center grows by 4 D t in two dimensions. The
@@ -26,8 +26,8 @@ END = 0.08  # sqrt(2 D t) at the end, in sides of the box
 TIMES = 10  # at which the moment is taken
 HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("diffusion_profile", "T18: step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
-    Figure("diffusion_error", "T18: error of the diffusion coefficient", "particle spacing / side", "relative error",
+    Figure("diffusion_profile", "Step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
+    Figure("diffusion_error", "Error of the diffusion coefficient", "particle spacing / side", "relative error",
            logarithmic=True),
 )
 

@@ -1,4 +1,4 @@
-"""T6: a drop on a flat wall takes the contact angle that was asked for.
+"""A drop on a flat wall takes the contact angle that was asked for.
 
 Without gravity a drop at a wall is a part of a circle (3D: ball) that meets the wall at the contact angle. Half a
 circle is laid on the floor of a full box and comes to rest. The circle that parts the particles of the two liquids best
@@ -23,9 +23,9 @@ WIDTH, HEIGHT = 6.0, 2.5  # sides of the box over the radius of the half circle 
 READINGS = 60  # of the history
 LATE = 0.2  # share of the run whose mean is compared
 FIGURES = (
-    Figure("drop_on_wall_angle", "T6: contact angle on the way to rest", "time / sqrt(rho R^3 / sigma)",
+    Figure("drop_on_wall_angle", "Contact angle on the way to rest", "time / sqrt(rho R^3 / sigma)",
            "angle less that asked for, deg"),
-    Figure("drop_on_wall", "T6: contact angle of a drop on a wall", "angle asked for, deg", "angle measured, deg"),
+    Figure("drop_on_wall", "Contact angle of a drop on a wall", "angle asked for, deg", "angle measured, deg"),
 )
 
 

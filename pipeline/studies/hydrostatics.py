@@ -1,8 +1,8 @@
-"""T1 and T17: two layers at rest under gravity, the light one on top.
+"""Two layers at rest under gravity, the light one on top.
 
 The pressure is the weight of what lies above: p = rho_2 g (H - y) in the light layer, and a kink at the interface.
 A closed cavity knows it up to a constant, which is taken from its mean; under a free surface it is known. With the
-ratio the pressure solve becomes harder (T17): the iterations per step may not exceed three times those of the ratio
+ratio the pressure solve becomes harder: the iterations per step may not exceed three times those of the ratio
 1:1 by much, which the rows of the same resolution show.
 """
 import dataclasses
@@ -22,9 +22,9 @@ HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3
 HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("hydrostatics_error", "T1: pressure of two layers at rest", "particle spacing / height",
+    Figure("hydrostatics_error", "Pressure of two layers at rest", "particle spacing / height",
            "root mean square of the pressure error / (rho g H)", logarithmic=True),
-    Figure("hydrostatics_profile", "T1: pressure at the finest resolution", "pressure / (rho g H)", "height / H"),
+    Figure("hydrostatics_profile", "Pressure at the finest resolution", "pressure / (rho g H)", "height / H"),
 )
 
 

@@ -1,4 +1,4 @@
-"""S1 Fig. 6: a drop of ink falls into water, with three diffusion coefficients.
+"""A drop of ink falls into water, with three diffusion coefficients [song, fig. 6].
 
 The paper shows pictures. Here how far the liquids are mixed has numbers: the variance of the volume fraction alpha of
 ink over the volume of all liquid, over that of unmixed liquids m (1 - m), with m the mean of alpha (1: unmixed, 0: the

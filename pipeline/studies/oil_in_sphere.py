@@ -1,4 +1,4 @@
-"""T7, the headline: oil in a sphere of water at rest, where tension, weight and contact angle set the shape.
+"""Oil in a sphere of water at rest, where tension, weight and contact angle set the shape.
 
 From a flat interface the run goes to rest; the arc of the wall that the oil touches, the height of the interface on
 the axis and the covered share of the wall are compared with the equations of Young and Laplace
@@ -40,11 +40,11 @@ FIT_DIFFERENCE = 1e-4  # of the unknown, over its size
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
 HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
-    Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),
-    Figure("oil_in_sphere_coverage", "T7: wall that the oil covers", "time steps",
+    Figure("oil_in_sphere_arc", "Arc of contact on the way to rest", "time steps", "arc less reference, deg"),
+    Figure("oil_in_sphere_apex", "Height of the interface on the axis", "time steps", "(apex less reference) / dx"),
+    Figure("oil_in_sphere_coverage", "Wall that the oil covers", "time steps",
            "covered share less that of ideal labels"),
-    Figure("oil_in_sphere_profile", "T7: interface at the end, points fitted", "r / R", "z / R"),
+    Figure("oil_in_sphere_profile", "Interface at the end, points fitted", "r / R", "z / R"),
 )
 
 

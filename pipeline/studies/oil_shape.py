@@ -1,4 +1,4 @@
-"""S1 Fig. 7: shape of the injected oil without interface forces, with those of the paper, and with a tension in N/m.
+"""Shape of the injected oil without interface forces, with those of [song, fig. 7], and with a tension in N/m.
 
 The paper shows two pictures. Here the difference has numbers, from the reconstructed surface of the oil: its sphericity
 pi^(1/3) (6 V)^(2/3) / A (1 for a ball, less for oil that the eye flattens or that is torn), the area of its interface

@@ -1,4 +1,4 @@
-"""T19: a light liquid, spread evenly in a column, drifts to the top (Kynch 1952); particles are at rest.
+"""A light liquid, spread evenly in a column, drifts to the top (Kynch 1952); particles are at rest.
 
 With equal viscosities the slip v_s = d^2 (rho_1 - rho_2) g/(18 mu) 6/5 does not depend on the fractions, and the volume
 flux of the light liquid is alpha (1 - alpha) v_s. From alpha_0 everywhere, clear heavy liquid grows at the bottom with
@@ -26,9 +26,9 @@ SLIP = 0.01  # m/s, v_s
 FEWEST_ACROSS = 8  # particles across the column, which repeats itself
 TIMES = (0.2, 0.4, 0.6, 0.8)  # of the measurement, in H/v_s
 FIGURES = (
-    Figure("sedimentation_profile", "T19: light liquid in a column, finest resolution", "height / H",
+    Figure("sedimentation_profile", "Light liquid in a column, finest resolution", "height / H",
            "volume fraction of the light liquid"),
-    Figure("sedimentation_error", "T19: largest error of the fronts", "particle spacing / H",
+    Figure("sedimentation_error", "Largest error of the fronts", "particle spacing / H",
            "error / way of the front", logarithmic=True),
 )
 

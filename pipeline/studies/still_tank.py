@@ -1,7 +1,7 @@
-"""T2 and T22: a tank that starts at rest stays at rest, for a long time and without any viscosity too.
+"""A tank that starts at rest stays at rest, for a long time and without any viscosity too.
 
 Noise of the particles may neither heat the liquid nor carry its center of mass away. Under a free surface the column
-also has to keep its volume (T22; position-based fluids as published settle to 80 %): its height is twice the mean
+also has to keep its volume (position-based fluids as published settle to 80 %): its height is twice the mean
 height of its particles.
 
 Two layers with any tension are in balance to round-off, because `interface_tension` leaves nothing to the pressure that
@@ -22,7 +22,7 @@ GRAVITY = 9.81
 HEIGHT = 0.02  # m
 HEAVY = 1000.0  # kg/m^3
 FIGURES = (
-    Figure("still_tank_speed", "T2: motion of a still tank", "time / sqrt(H/g)", "log10 of rms speed / sqrt(g H)"),
+    Figure("still_tank_speed", "Motion of a still tank", "time / sqrt(H/g)", "log10 of rms speed / sqrt(g H)"),
 )
 
 

@@ -4,6 +4,7 @@ Liquid l is where ``min(dominance_l, depth) > 0``: dominance is how far its frac
 depth the distance to the wall. So two liquids share one interface, and the liquids touch the wall without a gap.
 Where there is a free surface, the void beyond it counts as one liquid more, with what the kernel finds empty as its
 fraction. Offsets added to the fractions conserve the volume of every liquid; droplets have offsets of their own.
+Equations: docs/methods/surfaces.md.
 """
 import dataclasses
 import functools
@@ -173,7 +174,7 @@ class Reconstructor:
         if not known.any():
             raise UserError("a frame without particles has no surface")
         if self.free_surface:
-            filled = np.clip(weight.sum(axis=1) / self.room, 0.0, 1.0)[:, None]
+            filled = np.clip(weight.sum(axis=1) / self.room, 0.0, 1.0)[:, None]  # (U3)
             near = np.concatenate([np.where(known[:, None], filled * near, 0.0), 1.0 - filled], axis=1)
         elif not known.all():
             _, nearest = cKDTree(nodes[known]).query(nodes[~known])
@@ -247,7 +248,7 @@ def with_offsets(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> n
 
 
 def excess(raised: np.ndarray, phase: int) -> np.ndarray:
-    """How far one phase exceeds the largest of the others, (nx, ny[, nz])."""
+    """How far one phase exceeds the largest of the others (U4), (nx, ny[, nz])."""
     others = [raised[k] for k in range(len(raised)) if k != phase]
     if not others:
         return np.ones_like(raised[0])

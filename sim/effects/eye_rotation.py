@@ -3,15 +3,15 @@
 Where the eye has the angular velocity w, liquid at r from the center of rotation with the velocity u, seen from the
 eye, is accelerated by
 
-    -dw/dt x r - 2 w x u - w x (w x r)      (Euler, Coriolis, centrifugal).
+    -dw/dt x r - 2 w x u - w x (w x r)      (Euler, Coriolis, centrifugal), (G4).
 
 The first is taken as the change of w over the whole step, so that the turn of the liquid is as large as that of the
-eye whatever the step; the second turns u without changing its length (Boris 1970), so that it does no work. Gravity,
+eye whatever the step; the second turns u without changing its length [boris1970], so that it does no work. Gravity,
 given in the axes of the head, turns the other way round in the eye.
 
 A saccade of amplitude A lasts D with the peak rate P. Both follow the main sequence: D = 21 ms + 2.2 ms/deg A
-(Carpenter 1988) and P = 1.64 A/D. Its rate is P (4 s (1 - s))^n, s the share of the time that is over, with the power n
-that makes the angle A.
+[carpenter1988] and P = 1.64 A/D. Its rate is P (4 s (1 - s))^n, s the share of the time that is over, with the power n
+that makes the angle A. Equations: docs/methods/gravity.md.
 """
 import dataclasses
 import functools
@@ -100,7 +100,7 @@ class Saccade:
         index, share = self._share(time)
         if index < 0:
             return 0.0
-        return (-1.0) ** index * self.peak * (4.0 * share * (1.0 - share)) ** self.power
+        return (-1.0) ** index * self.peak * (4.0 * share * (1.0 - share)) ** self.power  # (G6)
 
     def scale(self, time: float, step: float) -> float:
         """Duration of the movement that a step from a time on falls into, s; infinite where there is none."""
@@ -140,7 +140,7 @@ class Oscillation:
 
     def rate(self, time: float) -> float:
         """Angular velocity at a time, rad/s."""
-        return self.peak * math.cos(self.pulsation * time)
+        return self.peak * math.cos(self.pulsation * time)  # (G7)
 
     def scale(self, time: float, step: float) -> float:
         """Duration of the movement that a step from a time on falls into, s."""
@@ -243,4 +243,4 @@ class EyeRotation(Effect):
         a = -self._cross(self.acceleration[None], r) - self._cross(rate, self._cross(rate, r))
         # Half the angle 2 w dt of the turn has the tangent w dt.
         s = 2.0 / (1.0 + turn.norm_sqr())
-        return a - s * self._cross(rate, u - self._cross(turn, u))
+        return a - s * self._cross(rate, u - self._cross(turn, u))  # (G5)

@@ -10,11 +10,12 @@ M, vanishes at equilibrium for any disordered particle set, so spurious currents
 + b) to the buoyancy c b that `gravity` gives. Its sum over a drop is zero as far as the points lie where the particles
 change their color, and as M, extended, is still M_P there. So the points of the level set, which smoothing has drawn
 in, are moved out; and they carry 2 M less the mean of M around them, since the mean that extends M flattens it
-(twicing: Tukey 1977).
+(twicing [tukey1977]).
 
 Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
 and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
 level set's side elsewhere: a mixture off the interface keeps its buoyancy c b.
+Equations: docs/methods/interface_tension.md.
 """
 import dataclasses
 import math
@@ -52,7 +53,7 @@ class InterfaceTensionParameters:
 
 
 def capillary_limit(coefficient: float, settings) -> float:
-    """Step in which the shortest wave between two liquids without viscosity is followed, s (Brackbill et al. 1992)."""
+    """Step in which the shortest wave between two liquids without viscosity is followed, s [brackbill1992]."""
     density = sum(liquid.density for liquid in settings.liquids[:2])
     return math.sqrt(density * settings.numerics.particle_spacing**3 / (4.0 * math.pi * coefficient))
 
@@ -113,11 +114,12 @@ class InterfaceTension(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 (Galusinski & Vigneaux 2008; the constants are ours).
+        """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 [galusinski2008]; the constants are ours.
 
-        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity (Brackbill et al. 1992), and
+        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity [brackbill1992], and
         t_v = 0.1 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
         shortest wave, which an explicit tension then drives in steps of up to (4/pi) (mu_0 + mu_1) dx / sigma.
+        (A3) of docs/methods/time_step.md.
         """
         if parameters.coefficient == 0.0:
             return float("inf")
@@ -210,7 +212,7 @@ class InterfaceTension(Effect):
                             rest = rest % self.level_set.steps[e]
                         kappa = (1.0 - t) * self.level_set.curvature[n] + t * self.level_set.curvature[m]
                         # The surface parallel to this one, as far out as smoothing has drawn it in.
-                        out = DRAWN_IN * self.spacing**2 * kappa
+                        out = DRAWN_IN * self.spacing**2 * kappa  # (I6)
                         wider = 1.0 + out * kappa / (self.dimension - 1)
                         x -= out / length * g
                         kappa /= wider
@@ -218,8 +220,8 @@ class InterfaceTension(Effect):
                             a = ti.abs(g[d]) / length * (wider * self.grid.cell) ** (self.dimension - 1)
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
-                                kappa *= near + t * (far - near)  # exactly 1 at a sharp interface
-                            value = self.coefficient * kappa - self.body_force[None].dot(x)
+                                kappa *= near + t * (far - near)  # (I9): exactly 1 at a sharp interface
+                            value = self.coefficient * kappa - self.body_force[None].dot(x)  # (I1)
                             self.point[place] = x
                             self.point_area[place] = a
                             self.point_jump[place] = value
@@ -302,7 +304,7 @@ class InterfaceTension(Effect):
 
     @ti.func
     def _extended(self, x):
-        """M less its mean, and grad M: weighted mean of the interface points, the far ones in groups."""
+        """M less its mean, and grad M: weighted mean of the interface points, the far ones in groups (I7)."""
         weight = 1e-12 * self.spacing ** (self.dimension - 1)  # of the mean M, for liquid without an interface
         value = 0.0
         weight_gradient = x * 0.0
@@ -348,7 +350,7 @@ class InterfaceTension(Effect):
         """
         for p in range(self.point_count[None]):
             value, _ = self._extended(self.sorted_point[p])
-            self.point_jump[p] = 2.0 * self.sorted_jump[p] - (value + self.mean_jump[None])
+            self.point_jump[p] = 2.0 * self.sorted_jump[p] - (value + self.mean_jump[None])  # (I8)
         for p in range(self.point_count[None]):
             self.sorted_jump[p] = self.point_jump[p]
 
@@ -381,7 +383,7 @@ class InterfaceTension(Effect):
 
     @ti.func
     def potential(self, i):
-        """H (M + b.x): the pressure that this form keeps out of the solve, Pa."""
+        """H (M + b.x): the pressure that this form keeps out of the solve (I2), Pa."""
         return self.particles.jump_weight[i] * (
             self.particles.jump[i] + self.body_force[None].dot(self.particles.position[i]))
 

@@ -90,7 +90,9 @@ class Scheme(abc.ABC):
 
     @ti.func
     def kernel_sums(self, i):
-        """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall."""
+        """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall: (K3) of
+        docs/methods/kernels.md.
+        """
         total = self.volume[i] * self.search.kernel.at_zero
         gradient = self.velocity[i] * 0.0
         for slot in range(self.pairs.count[i]):

@@ -1,8 +1,8 @@
 """Volume-incompressible SPH: here for a completely full closed cavity, with pressures of either sign.
 
 One divergence-free solve for the velocity, and a correction of the volume error that moves positions only
-(S1 section III-A with the corrections that a cavity without free surface needs: the constant-volume solve of the
-paper, fed back into the velocity, destroys a still tank).
+([song, section III-A] with the corrections that a cavity without free surface needs: the constant-volume solve of the
+paper, fed back into the velocity, destroys a still tank). Equations: docs/methods/pressure.md.
 """
 import numpy as np
 import taichi as ti
@@ -120,7 +120,7 @@ class VolumeIncompressible(Scheme):
         """Let the pressure of the last step act, so that implicit viscosity sees forces that nearly balance.
 
         Without it viscosity answers forces that the solve takes away again only after it, and what is left, in
-        proportion to the time step, stirs the oil (incremental pressure correction: van Kan 1986).
+        proportion to the time step, stirs the oil (incremental pressure correction [vankan1986]).
         """
         self._soften(dt)
         self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
@@ -142,7 +142,7 @@ class VolumeIncompressible(Scheme):
                 weight += self.pairs.weight[k]
             travel = dt * self.solver.velocity_at_start[i].norm() / self.spacing
             share = ti.min(1.0, (travel / SOFTENED) ** 2)
-            self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])
+            self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])  # (P8)
         for i in range(self.count[None]):
             self.pressure[i] = self.pressure_change[i]
 
@@ -158,7 +158,7 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _add_change(self, viscous_dt: float):
         """To the change that masses ask for comes what viscosity asks for, mu times the compression that was left to
-        the solve (rotational pressure correction: Timmermans, Minev & Van de Vosse 1996): else a pressure that has to
+        the solve (rotational pressure correction [timmermans1996]): else a pressure that has to
         balance forces on viscous liquid takes many steps to form, and oil moves too fast meanwhile.
         """
         for i in range(self.count[None]):
@@ -166,7 +166,7 @@ class VolumeIncompressible(Scheme):
             for effect in ti.static(self.viscous_effects):
                 reach = ti.min(effect.implicit_viscosity(i) * viscous_dt,
                                ROTATION_LIMIT * self.spacing**2 * self.mass[i] / self.volume[i])
-                change += reach * self.pressure_solver.right_side[i] / self.volume[i]
+                change += reach * self.pressure_solver.right_side[i] / self.volume[i]  # (P7)
             self.pressure[i] += change
 
     def _take(self, dt: float, viscous_dt: float) -> None:
@@ -200,7 +200,7 @@ class VolumeIncompressible(Scheme):
                     k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
-                rate += self.volume[i] * total
+                rate += self.volume[i] * total  # (P4)
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
@@ -224,7 +224,7 @@ class VolumeIncompressible(Scheme):
         ti.loop_config(serialize=True)
         for _ in range(1):
             mean = total_of(self.partial, 0, n) / n
-            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean
+            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean  # (P9)
         for i in range(self.count[None]):
             self.pressure[i] += self.gauge[None]
 
@@ -242,7 +242,7 @@ class VolumeIncompressible(Scheme):
             self.operators.wall_value[b] = self.operators.over_wall_weight(b, error)
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
-            self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
+            self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error  # (P11)
 
     @ti.func
     def _separation(self, i):
@@ -273,7 +273,7 @@ class VolumeIncompressible(Scheme):
             shift = self.operators.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
             shift += self._separation(i)
             length = shift.norm()
-            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))  # (P10)
         for i in range(self.count[None]):
             x, v = self.wall_stop.stopped(i, self.position[i] + self.displacement[i], self.velocity[i])
             self.position[i] = x

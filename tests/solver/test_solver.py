@@ -222,7 +222,7 @@ def spinning(bare):
 
 
 def test_rotation_without_viscosity_goes_on(spinning):
-    """The recipe has 0.997 of the spin and 0.994 of the energy at 22 spacings per radius; walls of their own pressure
+    """A trial had 0.997 of the spin and 0.994 of the energy at 22 spacings per radius; walls of their own pressure
     brake to 0.64."""
     _, record = spinning
     assert 0.985 < record[-1, 0] < 1.002 and 0.98 < record[-1, 1] < 1.004

@@ -2,6 +2,7 @@
 
 phi > 0 in the other liquids. Particle colors are splatted to nodes, redistanced in a band around the interface and
 smoothed; behind the wall, ghost nodes carry the slope that the contact angle asks for.
+Equations: docs/methods/interface_tension.md.
 """
 import numpy as np
 import taichi as ti
@@ -287,7 +288,7 @@ class LevelSet:
             for n in range(first(block, size), last(block, size)):
                 if self.weight[n] > 0.0:
                     c = self.phi_next[n] / self.weight[n]
-                    self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
+                    self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)  # (I3)
                 if ti.static(self.mixes):
                     self.contrast[n] = ti.select(self.weight[n] > 0.0, self.contrast[n] / self.weight[n], 1.0)
                 self.phi_next[n] = self.phi[n]
@@ -346,7 +347,7 @@ class LevelSet:
         limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
         c = self.ghost_curvature[k]
         slope = (limited * c - self.slope[None] * self.cosine[None]) / (1.0 - image_depth * c)
-        self.ghost_value[k] = q + (depth + image_depth) * slope
+        self.ghost_value[k] = q + (depth + image_depth) * slope  # (I5)
 
     @ti.func
     def _take_ghost(self, phi: ti.template(), k):
@@ -425,7 +426,7 @@ class LevelSet:
 
     @ti.kernel
     def _measure(self):
-        """Normals and curvature kappa = -div(grad phi / |grad phi|) near the interface."""
+        """Normals and curvature kappa = -div(grad phi / |grad phi|) near the interface (I4)."""
         for k in range(self.band_and_rim_count[None]):
             n = self.band[k]
             if ti.abs(self.phi[n]) < 3.0 * self.cell:

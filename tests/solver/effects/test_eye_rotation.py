@@ -128,7 +128,7 @@ def test_liquid_without_viscosity_stays_behind():
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("motion", ["oscillation", "saccade"])
 def test_liquid_in_a_turned_circle(motion):
-    """T14 at 8 spacings per radius; 1 % of the wall's speed and 6 % of the stress, a third more than was measured."""
+    """At 8 spacings per radius; 1 % of the wall's speed and 6 % of the stress, a third more than was measured."""
     case = turned_sphere.Parameters(dimension=2, motion=motion, womersley=2.0, resolutions=(8,), periods=1.0, steps=100,
                                     tolerance=0.01, stress_tolerance=0.06)
     outcome = turned_sphere.run(case)

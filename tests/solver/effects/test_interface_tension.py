@@ -47,7 +47,7 @@ def drop(request):
 def test_pressure_jump_of_a_drop(drop):
     solver, _, _ = drop
     jump, radius = pressure_jump(solver)
-    # Laplace (validation T3). The recipe measured 0.6 % at eight spacings per radius in 2D and 2.8 % at 6.6 in 3D; here
+    # Laplace. A trial had 0.6 % at eight spacings per radius in 2D and 2.8 % at 6.6 in 3D; here
     # there are six and four and a half, and what is left of the rough start adds half a percent.
     expected = TENSION * (solver.dimension - 1) / radius
     assert jump == pytest.approx(expected, rel={2: 0.03, 3: 0.05}[solver.dimension])
@@ -56,7 +56,7 @@ def test_pressure_jump_of_a_drop(drop):
 def test_currents_around_a_drop_die_away(drop):
     solver, _, speed = drop
     capillary_number = LIQUIDS[0].dynamic_viscosity * speed / TENSION
-    # Ironing out the rough labels starts at some 5e-3; forms that do not balance stay there (validation T4).
+    # Ironing out the rough labels starts at some 5e-3; forms that do not balance stay there.
     # Measured at the end: 8e-4 in 2D and 1.2e-3 in 3D, after a third of the time, both falling.
     assert capillary_number[-1] < {2: 1.2e-3, 3: 2e-3}[solver.dimension]
     assert capillary_number[-1] < 0.45 * capillary_number.max()

@@ -52,12 +52,15 @@ def still(taichi):
 
 
 def test_column_keeps_its_volume(still):
-    """Validation T22: 1 % from the lattice."""
+    """1 % from the lattice, as the study `validation` asks for."""
     assert abs(still[0] - 1.0) < 0.01
 
 
 def test_density_of_the_paper_loses_a_fifth():
-    """E24: 1.25 particles per dx^2 are reached at 80 %; a few per cent more, as a surface resists late."""
+    """1.25 particles per dx^2 [pbf, section Initialization] are reached at 80 %.
+
+    A few per cent more, as a surface resists late.
+    """
     volume, _ = settled(column(rest_density="paper"))
     assert 0.74 < volume < 0.82
 
@@ -113,7 +116,7 @@ def dam(walls="particles", columns=16):
 
 
 def test_dam_break_front():
-    """Martin & Moyce (1952), a = 2.25 in; computed fronts run ahead of a gate that takes time to open (T16)."""
+    """Martin & Moyce (1952), a = 2.25 in; computed fronts run ahead of a gate that takes time to open."""
     solver, corner, width, unit = dam()
     front = cavities.run(solver, 3.4 * unit, lambda s: (
         s.time / unit, (np.sort(cavities.read(s, "position")[0][:, 0])[-3] - corner[0]) / width))
@@ -125,7 +128,7 @@ def test_dam_break_front():
 
 @pytest.mark.slow
 def test_particles_stick_where_positions_are_clamped():
-    """S2: at clamped walls nothing pushes particles away, and they gather on the surface itself.
+    """As in [pbf, fig. 1]: at clamped walls nothing pushes particles away, and they gather on the surface itself.
 
     The share near the wall depends on the resolution; what is asserted is the contrast at the same one.
     """
@@ -216,7 +219,7 @@ def test_adhesion_draws_a_drop_out():
 
 
 def test_equality_clumps_and_artificial_pressure_parts():
-    """S2 and Macklin & Mueller: a free surface that pulls draws particles together; s_corr keeps them apart."""
+    """[pbf, eq. 7; macklin2013, eq. 13]: a surface that pulls draws particles together; s_corr keeps them apart."""
     least = {}
     for name, changes in {"inequality": {}, "equality": {"constraint": "equality"},
                           "corrected": {"constraint": "equality", "artificial_pressure": 0.01}}.items():

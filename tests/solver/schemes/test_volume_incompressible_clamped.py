@@ -28,7 +28,7 @@ def test_densities_and_free_surface_choose_the_pressures():
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5])
 def test_pressure_below_a_free_surface_is_the_weight_above(ratio):
-    """Measured at 40 spacings: 1 %; validation T1 asks for 2 % at the middle of three resolutions."""
+    """Measured at 40 spacings: 1 %; the study `validation` asks for 2 % at the middle of three resolutions."""
     solver = still_tank(SCHEME, HEIGHT, 20, ratio, support_ratio=3.0)
     cavities.run(solver, 4.0 * TIME)
     assert hydrostatic_error(solver, HEIGHT, ratio) < 0.025
