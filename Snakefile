@@ -12,6 +12,7 @@ The rules are in rules/. Every rule calls one stage, `python -m pipeline.<stage>
 and of the part of the scene that it uses. Therefore the date of `scene.json` does not matter (`ancient`).
 A stage writes what it took where STAGE_USAGE says, for the page of costs.
 """
+
 import os
 import sys
 
@@ -23,6 +24,8 @@ from pipeline.workflow.scenes import Workflow
 
 
 configfile: "config/config.yaml"
+
+
 report: "docs/report/workflow.rst"
 
 
@@ -66,7 +69,8 @@ rule all:
         expand("outputs/{scene}/{level}/effects.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/cost.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/frames/frames.pvd", scene=flow.names, level=flow.accuracy),
-    message: "all done: {input}"
+    message:
+        "all done: {input}"
 
 
 include: "rules/cavity.smk"

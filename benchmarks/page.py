@@ -9,6 +9,8 @@ import shutil
 import sys
 from pathlib import Path
 
+from pipeline.base.markdown import settle, table
+
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "docs" / "benchmarks.md"
 PICTURE = PAGE.parent / "images" / "benchmark_sizes.png"
@@ -19,12 +21,6 @@ def rows(name: str) -> list[dict[str, str]]:
     """Read a table."""
     with (FOLDER / name).open(newline="") as file:
         return list(csv.DictReader(file))
-
-
-def table(head: tuple[str, ...], body: list[tuple]) -> str:
-    """A table in Markdown."""
-    lines = [head, ("---",) * len(head), *body]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
 def peer() -> str:
@@ -85,7 +81,7 @@ spacing, 40 steps after the first 20. Medians of turns.
 
 ## The paper's scenes in two dimensions
 
-`python benchmarks/paper_scenes.py`: two blocks and a drop of ink at the size of S1 (Table I), all
+`python benchmarks/paper_scenes.py`: two blocks and a drop of ink at the size of Song et al. (Table I), all
 3 s of them, in one turn. The paper ran them on an NVIDIA RTX 2080 SUPER. The last columns are shares of the time.
 
 {paper_scenes()}
@@ -96,13 +92,11 @@ def main() -> None:
     """Command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--check", action="store_true", help="compare only")
-    text = page()
-    if p.parse_args().check:
-        if not PAGE.is_file() or PAGE.read_text() != text:
-            sys.exit(f"error: {PAGE} is older than its tables: python benchmarks/page.py")
-        return
-    PAGE.write_text(text)
-    shutil.copy(FOLDER / "dam_break" / "sizes.png", PICTURE)
+    check = p.parse_args().check
+    if code := settle({PAGE: page()}, check, "python benchmarks/page.py"):
+        sys.exit(code)
+    if not check:
+        shutil.copy(FOLDER / "dam_break" / "sizes.png", PICTURE)
 
 
 if __name__ == "__main__":

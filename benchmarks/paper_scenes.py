@@ -1,4 +1,4 @@
-"""Minutes per simulated second of the two-dimensional scenes whose cost the silicone-oil paper tells (S1, Table I).
+"""Minutes per simulated second of the two-dimensional scenes whose cost the silicone-oil paper tells [song, table I].
 
     python benchmarks/paper_scenes.py                  at the paper's size, about three quarters of an hour
     python benchmarks/paper_scenes.py --level draft    a short trial, which writes nothing

@@ -8,6 +8,7 @@ import dataclasses
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -127,7 +128,7 @@ def _center(line: np.ndarray, area: float) -> np.ndarray:
     return line[0] + np.array([*inner, 0.0])
 
 
-def measure(scene: Scene, folders: Iterable[Path]) -> list[dict[str, object]]:
+def measure(scene: Scene, folders: Iterable[Path]) -> list[dict[str, Any]]:
     """Return one row per body, in the order of frames, liquids and size.
 
     Raises
@@ -152,7 +153,7 @@ def measure(scene: Scene, folders: Iterable[Path]) -> list[dict[str, object]]:
     return rows
 
 
-def write_bodies(path: Path, rows: Sequence[dict[str, object]]) -> None:
+def write_bodies(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write the rows as CSV."""
     lines = [",".join(COLUMNS), *(",".join(f"{value:.9g}" if isinstance(value, float) else str(value)
                                            for value in row.values()) for row in rows), ""]
@@ -160,7 +161,7 @@ def write_bodies(path: Path, rows: Sequence[dict[str, object]]) -> None:
         partial.write_text("\n".join(lines))
 
 
-def write_plot(path: Path, rows: Sequence[dict[str, object]], scene: Scene) -> None:
+def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None:
     """Draw the number of bodies of every liquid over time, and how their sizes are distributed at the end."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

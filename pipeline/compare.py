@@ -6,11 +6,9 @@ writes outputs/tamponade/compare_draft_standard.png (the last picture that both 
 metric that both have, then the cost) and .html (all of it on one page). Both levels must have been run and drawn.
 """
 import argparse
-import base64
 import csv
 import dataclasses
 import fnmatch
-import html
 import io
 import math
 from collections.abc import Iterable, Sequence
@@ -18,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
-from pipeline.base.page import STYLE
 from pipeline.base.tables import TIME, read_table
 from pipeline.pictures.picture_grid import as_png
 from pipeline.scenes.load import load_resolved
@@ -37,7 +35,6 @@ COLORS = ("#6b7f93", "#c8553d")
 ACROSS = 3          # curves in a row
 WIDTH = 16.0        # of the picture, inches
 MARKED = 0.1        # share of the extent of a metric from which its row is marked
-MARK = "tr.much{background:#fbe9e7}img{max-width:100%}td:last-child,th:last-child{text-align:right}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -267,22 +264,18 @@ def csv_of(lines: Sequence[Sequence[str]]) -> str:
 def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes) -> str:
     """Return the page, with the picture in it."""
     heads, *lines = rows_of(runs, found)
-    title = html.escape(f"{runs[0].scene.title or runs[0].scene.name}: {runs[0].level} and {runs[1].level}")
-    body = []
-    for number, line in enumerate(lines):
-        # Others are noise about zero, of which a share says nothing.
-        much = number < len(found) and found[number].drawn and found[number].share >= MARKED
-        body.append(f'<tr class="{"much" if much else ""}">' + "".join(f"<td>{html.escape(cell)}</td>" for cell in line)
-                    + "</tr>")
-    short = html.escape(in_short(runs, found))
-    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-            f"<style>{STYLE}{MARK}</style></head><body><h1>{title}</h1><p>In short: {short}.</p>"
-            f'<img alt="{title}" src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
-            "<p>Values at the last time that both have, and the largest difference at any time, also as a share of the "
-            f"extent of the metric over time; of what is drawn, rows from {100 * MARKED:g} % on are marked. Times are "
-            "those of the solver, whatever else the computer did.</p>"
-            f"<table><tr>{''.join(f'<th>{html.escape(head)}</th>' for head in heads)}</tr>{''.join(body)}</table>"
-            "</body></html>\n")
+    title = f"{runs[0].scene.title or runs[0].scene.name}: {runs[0].level} and {runs[1].level}"
+    # Others are noise about zero, of which a share says nothing.
+    marked = [number for number, change in enumerate(found) if change.drawn and change.share >= MARKED]
+    return page.page(title, [
+        page.paragraph(f"In short: {in_short(runs, found)}."),
+        page.picture(picture, title),
+        page.paragraph(
+            "Values at the last time that both have, and the largest difference at any time, also as a share of the "
+            f"extent of the metric over time; of what is drawn, rows from {100 * MARKED:g} % on are marked.",
+            "Times are those of the solver, whatever else the computer did."),
+        page.table(heads, lines, words=[1], marked=marked),
+    ])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -4,7 +4,6 @@ The prediction is that of `pipeline.estimate`; what a stage took it has written 
 computer did other things as well, the clock ran longer: compare the time of all cores then.
 """
 import argparse
-import html
 import json
 import math
 from collections.abc import Iterable, Sequence
@@ -12,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import size_of, write_text
-from pipeline.base.page import STYLE
 from pipeline.base.tables import read_table
 from pipeline.base.usage import KINDS, read_usage
 from pipeline.base.words import duration, memory
@@ -85,19 +84,20 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> float:
 
 def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]]) -> str:
     """Return the page."""
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in line) + "</tr>" for line in lines)
-    errors = "".join(f"<li>expected error, {html.escape(one['quantity'])}: {one['value']:.2g} "
-                     f"{html.escape('' if one['unit'] == '1' else one['unit'])} ({html.escape(one['source'])})</li>"
-                     for one in level["errors"])
+    errors = [f"expected error, {one['quantity']}: {one['value']:.2g} {'' if one['unit'] == '1' else one['unit']} "
+              f"({one['source']})" for one in level["errors"]]
     if not errors:
-        errors = "<li>expected error: unknown; the accuracy study has no case whose effects are all in this scene.</li>"
-    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}: cost</title>'
-            f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1><p>Accuracy {level['accuracy']}. The "
-            "prediction holds for a computer that does nothing else; stages that run side by side change the "
-            "clock. The error of a run is known only where there is an exact solution: the one expected is that of "
-            "the accuracy study.</p>"
-            "<table><tr><th>what</th><th>predicted</th><th>real</th><th>predicted / real</th></tr>"
-            f"{body}</table><ul>{errors}</ul></body></html>\n")
+        errors = ["expected error: unknown; the accuracy study has no case whose effects are all in this scene."]
+    return page.page(f"{title}: cost", [
+        page.paragraph(
+            f"Accuracy {level['accuracy']}.",
+            "The prediction holds for a computer that does nothing else; stages that run side by side change the "
+            "clock.",
+            "The error of a run is known only where there is an exact solution: the one expected is that of the "
+            "accuracy study."),
+        page.table(("what", "predicted", "real", "predicted / real"), lines),
+        page.bullets(errors),
+    ], heading=title)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -5,13 +5,12 @@ two steps of every segment, in which kernels are compiled, is left out.
 """
 import argparse
 import csv
-import html
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import replacing, write_text
-from pipeline.base.page import STYLE
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
@@ -52,30 +51,29 @@ def absent(scene: Scene) -> list[str]:
 def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str:
     """Return the table as a page."""
     last = segments[-1]
-    heads = "".join(f"<th>{head}</th>" for head in ("part", "fields", "MiB", "kernels", "launches per step",
-                                                    "ms per step, all cores", "share", "in the loop of all effects"))
+    heads = ("part", "fields", "MiB", "kernels", "launches per step", "ms per step, all cores", "share",
+             "in the loop of all effects")
     timed = max(sum(segment["timed_steps"] for segment in segments), 1)
-    body = []
-    for row in rows:
-        cells = (row["part"], row["fields"], f"{row['bytes'] / 2**20:.3f}", row["kernels"],
-                 f"{row['launches_per_step']:.1f}", f"{1e3 * row['cpu_seconds'] / timed:.3f}",
-                 f"{100 * row['cpu_share']:.1f} %", row["hooks"].replace("_", " "))
-        body.append("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in cells) + "</tr>")
-    title = html.escape(scene.title or scene.name)
+    cells = [(row["part"], row["fields"], f"{row['bytes'] / 2**20:.3f}", row["kernels"],
+              f"{row['launches_per_step']:.1f}", f"{1e3 * row['cpu_seconds'] / timed:.3f}",
+              f"{100 * row['cpu_share']:.1f} %", row["hooks"].replace("_", " ")) for row in rows]
+    title = scene.title or scene.name
     devices = dict.fromkeys(segment["device"] for segment in segments)
     owned = sum(row["bytes"] for row in rows)
-    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: effects</title>'
-            f"<style>{STYLE}</style></head><body><h1>{title}: what its effects cost</h1>"
-            f"<p>Accuracy {html.escape(scene.accuracy)}: {last['particles']} particles, "
-            f"{sum(segment['steps'] for segment in segments)} steps, "
-            f"{len(segments)} segments, {scene.numerics.scheme} on {' and '.join(devices)}. "
+    steps = sum(segment["steps"] for segment in segments)
+    return page.page(f"{title}: effects", [
+        page.paragraph(
+            f"Accuracy {scene.accuracy}: {last['particles']} particles, {steps} steps, {len(segments)} segments, "
+            f"{scene.numerics.scheme} on {' and '.join(devices)}.",
             f"These parts hold {owned / 2**20:.2f} of the {last['allocated_bytes'] / 2**20:.2f} MiB that Taichi has "
-            "allocated. The time of an effect's part of the loop of all effects counts for the solver; a field "
-            " that two effects share counts for the first.</p>"
-            f"<table><tr>{heads}</tr>{''.join(body)}</table>"
-            f"{''.join(f'<p>{html.escape(note)}.</p>' for note in last['notes'])}"
-            f"<p>Not called for, so that nothing of them is allocated, compiled or launched: "
-            f"{html.escape(', '.join(absent(scene)))}.</p></body></html>\n")
+            "allocated.",
+            "The time of an effect's part of the loop of all effects counts for the solver; a field that two effects "
+            "share counts for the first."),
+        page.table(heads, cells, words=[7]),
+        *(page.paragraph(f"{note}.") for note in last["notes"]),
+        page.paragraph("Not called for, so that nothing of them is allocated, compiled or launched: "
+                       f"{', '.join(absent(scene))}."),
+    ], heading=f"{title}: what its effects cost")
 
 
 def write_csv(path: Path, rows: Sequence[dict]) -> None:

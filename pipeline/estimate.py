@@ -9,16 +9,15 @@ computer or the scene changes. Times are of this computer with nothing else runn
 """
 import argparse
 import dataclasses
-import html
 import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.base.page import STYLE
 from pipeline.base.threads import checked_threads
 from pipeline.base.words import duration, memory
 from pipeline.forecast.measurement import measured
@@ -87,15 +86,12 @@ def text_of(found: Estimate) -> str:
 def html_of(found: Estimate) -> str:
     """Return the estimate as a page."""
     columns = [dict(rows(level)) for level in found.levels]
-    heads = "".join(f"<th>{level.accuracy}</th>" for level in found.levels)
-    body = "".join(f"<tr><td>{name.strip()}</td>" + "".join(f"<td>{html.escape(column[name])}</td>"
-                                                            for column in columns) + "</tr>" for name in columns[0])
-    said = "".join(f"<li>{level.accuracy}: {html.escape(note)}.</li>" for level in found.levels
-                   for note in notes(level))
-    title = html.escape(found.title)
-    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: estimate</title>'
-            f"<style>{STYLE}</style></head><body><h1>{title}</h1><p>{HOW}</p>"
-            f"<table><tr><th></th>{heads}</tr>{body}</table><ul>{said}</ul></body></html>\n")
+    lines = [(name.strip(), *(column[name] for column in columns)) for name in columns[0]]
+    return page.page(f"{found.title}: estimate", [
+        page.paragraph(HOW),
+        page.table(("", *(level.accuracy for level in found.levels)), lines),
+        page.bullets([f"{level.accuracy}: {note}." for level in found.levels for note in notes(level)]),
+    ], heading=found.title)
 
 
 def json_of(found: Estimate) -> str:

@@ -98,7 +98,7 @@ def viscosity_iterations(state):
     return state.statistic("viscosity_iterations")
 
 
-@metric("%", "share of the time steps since the frame before in which a solve ended at numerics.maximum_iterations")
+@metric("%", "share of the time steps since the frame before in which a solve ended at its limit of iterations")
 def limit_hit(state):
     return {solve: 100 * state.statistic(f"{solve}_limit_hit") for solve in SOLVES}
 
@@ -201,7 +201,7 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path])
     with progress(len(paths), f"{scene.name}: metrics") as bar:
         for path in paths:
             state = Measured(scene, initial, read_frame(path))
-            row = {"frame": int(path.stem.rpartition("_")[2])}
+            row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):
                 row |= one.columns(state)
             for column, number in row.items():

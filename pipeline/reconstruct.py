@@ -5,6 +5,7 @@ In two dimensions the surfaces are closed lines.
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
@@ -50,7 +51,7 @@ def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Re
     mixed = bool(((frame.volume_fraction > 1e-3) & (frame.volume_fraction < 1.0 - 1e-3)).any())
     check(path, frame.liquids, surfaces, mixed=mixed, free_surface=reconstructor.free_surface)
     for liquid, surface in zip(frame.liquids, surfaces, strict=True):
-        mesh = surface.mesh
+        mesh: Any = surface.mesh  # of formats, lines have none
         write_surface(surface_path(folder, path.stem, liquid), mesh, time=frame.time, liquid=liquid,
                       depth=reconstructor.depth_at(mesh.points))
         for suffix in formats:

@@ -4,6 +4,7 @@ Containers have a picture of their own (``pipeline.pictures.container_picture``)
 """
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -137,7 +138,7 @@ class Renderer:
 
 def render_frames(scene, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
     """Draw every frame of a folder; the folder of pictures appears by rename."""
-    renderer = Renderer(scene, eye_surface) if scene.container is None else ContainerRenderer(scene, eye_surface)
+    renderer: Any = Renderer(scene, eye_surface) if scene.container is None else ContainerRenderer(scene, eye_surface)
     paths = find_frames(frames)
     try:
         with replacing_folder(output) as folder, progress(len(paths), "render") as bar:

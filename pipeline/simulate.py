@@ -135,11 +135,14 @@ def warn_of_small_steps(scene: Scene, solver, dt: float, usual: float) -> bool:
 
 def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> None:
     """Say which solves have ended at their limit of iterations before the frame at ``until``, s."""
-    for solve in SOLVES:
+    from sim.schemes import REGISTRY as SCHEMES
+
+    limits = dict.fromkeys(SOLVES, (scene.numerics.maximum_iterations, "numerics.maximum_iterations"))
+    limits["pressure"] = SCHEMES[scene.numerics.scheme].iteration_limit(scene.settings())
+    for solve, (iterations, key) in limits.items():
         share = statistics.get(f"{solve}_limit_hit", 0.0)
         if share > 0.0:
-            print(f"{scene.name}: warning: the {solve} solve ended at its limit of "
-                  f"{scene.numerics.maximum_iterations} iterations (numerics.maximum_iterations) in "
+            print(f"{scene.name}: warning: the {solve} solve ended at its limit of {iterations} iterations ({key}) in "
                   f"{100 * share:.0f} % of the steps before {until:.4g} s", flush=True)
 
 

@@ -1,21 +1,19 @@
 """Stage: the outcomes of a study's cases become its table, its figures and its page of the report."""
 import argparse
 import csv
-import html
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from pipeline.base import page
 from pipeline.base.cli import run
-from pipeline.base.files import replacing
-from pipeline.base.page import STYLE
+from pipeline.base.files import replacing, write_text
 from pipeline.study_kit.model import COLUMNS, Curve, Figure, Outcome
 from pipeline.study_kit.plan import Study, load_study
 
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
 VERDICTS = {"true": "✓", "false": "✗", "": ""}
-FALSE = "tr.false{background:#fbe9e7}td.word{text-align:left}"
 
 
 def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
@@ -91,24 +89,16 @@ def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
 
 def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Sequence[dict[str, str]]) -> None:
     """Write the page: what was asked, what was found in words, and the table with the rows that do not hold marked."""
-    heads = "".join(f"<th>{column}</th>" for column in COLUMNS)
-    body = []
-    for row in rows:
-        cells = {**row, "holds": VERDICTS[row["holds"]]}
-        words = ("case", "quantity", "unit", "holds")
-        body.append(f'<tr class="{row["holds"]}">' + "".join(
-            f'<td class="{"word" if column in words else ""}">{html.escape(cells[column])}</td>' for column in COLUMNS)
-            + "</tr>")
+    cells = [[VERDICTS[row[column]] if column == "holds" else row[column] for column in COLUMNS] for row in rows]
+    words = [COLUMNS.index(column) for column in ("quantity", "unit", "holds")]
     asked = [row for row in rows if row["holds"]]
     held = sum(row["holds"] == "true" for row in asked)
-    remarks = "".join(f"<li>{html.escape(remark)}</li>" for outcome in outcomes for remark in outcome.remarks)
-    page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(study.title)}</title>'
-            f"<style>{STYLE}{FALSE}</style></head><body><h1>{html.escape(study.title)}</h1>"
-            f"<p>{html.escape(study.description)}</p><p>Accuracy {study.accuracy}: {held} of {len(asked)} rows with a "
-            f"tolerance hold.</p>{f'<ul>{remarks}</ul>' if remarks else ''}"
-            f"<table><tr>{heads}</tr>{''.join(body)}</table></body></html>\n")
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_text(path, page.page(study.title, [
+        page.paragraph(study.description),
+        page.paragraph(f"Accuracy {study.accuracy}: {held} of {len(asked)} rows with a tolerance hold."),
+        page.bullets([remark for outcome in outcomes for remark in outcome.remarks]),
+        page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows) if row["holds"] == "false"]),
+    ]))
 
 
 def main() -> None:

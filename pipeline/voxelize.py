@@ -5,11 +5,10 @@ import json
 import time
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.base.cli import run
 from pipeline.base.files import replacing, write_text
 from pipeline.cavity import container
+from pipeline.cavity.initial_state import save_initial
 from pipeline.cavity.surface import read_mesh
 from pipeline.cavity.voxels import voxelize
 from pipeline.scenes.devices import HELP, chosen_device
@@ -43,7 +42,7 @@ def main(arguments: list[str] | None = None) -> None:
         report = container.report_of(arrays)
         filled = f"{100 * report['filled']:.4g} % of the container"
     with replacing(options.output) as temporary:
-        np.savez(temporary, **arrays)
+        save_initial(temporary, arrays)
     report["seconds"] = time.perf_counter() - start
     write_text(options.report, json.dumps(report, indent=2) + "\n")
     print(f"{report['fluid_particles']} liquid and {report['wall_particles']} wall particles, liquid volume {filled}, "

@@ -3,10 +3,16 @@
 
 rule scene:
     output:
-        report("outputs/{scene}/{level}/scene.json", **SHELF, caption="../docs/report/scene.rst",
-               labels={"what": "6 scene in SI units"}),
-    log: "outputs/{scene}/{level}/logs/scene.log",
-    message: "{wildcards.scene} at {wildcards.level}: check the scene",
+        report(
+            "outputs/{scene}/{level}/scene.json",
+            **SHELF,
+            caption="../docs/report/scene.rst",
+            labels={"what": "6 scene in SI units"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/scene.log",
+    message:
+        "{wildcards.scene} at {wildcards.level}: check the scene"
     shell:
         "python -m pipeline.scene config/scenes/{wildcards.scene}.yaml --accuracy {wildcards.level} --output {output}"
         " 2>&1 | tee {log}"
@@ -19,10 +25,12 @@ rule eye:
     output:
         mesh="outputs/{scene}/{level}/eye.vtp",
         report="outputs/{scene}/{level}/eye.json",
+    log:
+        "outputs/{scene}/{level}/logs/eye.log",
     params:
         depends=flow.depends("eye"),
-    log: "outputs/{scene}/{level}/logs/eye.log",
-    message: "{wildcards.scene} at {wildcards.level}: make the surface of the cavity",
+    message:
+        "{wildcards.scene} at {wildcards.level}: make the surface of the cavity"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.eye {input.scene} --output {output.mesh} --report {output.report} 2>&1 | tee {log}"
@@ -35,11 +43,13 @@ rule voxelize:
     output:
         initial="outputs/{scene}/{level}/initial.npz",
         report="outputs/{scene}/{level}/voxelize.json",
+    log:
+        "outputs/{scene}/{level}/logs/voxelize.log",
+    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     params:
         depends=flow.depends("voxelize"),
-    log: "outputs/{scene}/{level}/logs/voxelize.log",
-    message: "{wildcards.scene} at {wildcards.level}: fill the cavity with particles",
-    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
+    message:
+        "{wildcards.scene} at {wildcards.level}: fill the cavity with particles"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.voxelize {input.scene} {input.eye} --output {output.initial} --report {output.report}"

@@ -6,12 +6,18 @@ rule advise:
         scene=SCENE,
         initial="outputs/{scene}/{level}/initial.npz",
     output:
-        report("outputs/{scene}/{level}/advice.html", **SHELF, caption="../docs/report/advice.rst",
-               labels={"what": "7 advice: numbers, time scales, time step"}),
+        report(
+            "outputs/{scene}/{level}/advice.html",
+            **SHELF,
+            caption="../docs/report/advice.rst",
+            labels={"what": "7 advice: numbers, time scales, time step"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/advise.log",
     params:
         depends=flow.depends("advise"),
-    log: "outputs/{scene}/{level}/logs/advise.log",
-    message: "{wildcards.scene} at {wildcards.level}: advise on the effects"
+    message:
+        "{wildcards.scene} at {wildcards.level}: advise on the effects"
     shell:
         "python -m pipeline.advise {input.scene} --initial {input.initial} --format html --output {output}"
         " 2>&1 | tee {log}"
@@ -23,17 +29,23 @@ rule estimate:
         initial="outputs/{scene}/{level}/initial.npz",
         eye="outputs/{scene}/{level}/eye.vtp",
     output:
-        page=report("outputs/{scene}/{level}/estimate.html", **SHELF, caption="../docs/report/estimate.rst",
-                    labels={"what": "9 estimate: time, memory, disk, error"}),
+        page=report(
+            "outputs/{scene}/{level}/estimate.html",
+            **SHELF,
+            caption="../docs/report/estimate.rst",
+            labels={"what": "9 estimate: time, memory, disk, error"},
+        ),
         levels="outputs/{scene}/{level}/estimate.json",
+    log:
+        "outputs/{scene}/{level}/logs/estimate.log",
+    priority: 20  # before the simulation, which finds its kernels compiled
+    threads: 1000  # as many as there are: nothing else runs while times are measured
     params:
         depends=flow.depends("estimate"),
         start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
         errors=flow.expected_errors(),
-    log: "outputs/{scene}/{level}/logs/estimate.log",
-    message: "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
-    threads: 1000  # as many as there are: nothing else runs while times are measured
-    priority: 20  # before the simulation, which finds its kernels compiled
+    message:
+        "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
     shell:
         "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {workflow.cores}"
         " {params.start} {flow.device} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
@@ -46,12 +58,18 @@ rule cost:
         metrics="outputs/{scene}/{level}/metrics.csv",
         images=all_segments(IMAGES),
     output:
-        report("outputs/{scene}/{level}/cost.html", **SHELF, caption="../docs/report/cost.rst",
-               labels={"what": "9 cost: predicted and real"}),
+        report(
+            "outputs/{scene}/{level}/cost.html",
+            **SHELF,
+            caption="../docs/report/cost.rst",
+            labels={"what": "9 cost: predicted and real"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/cost.log",
     params:
         depends=flow.depends("cost"),
-    log: "outputs/{scene}/{level}/logs/cost.log",
-    message: "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
+    message:
+        "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
     shell:
         "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
         " --logs outputs/{wildcards.scene}/{wildcards.level}/logs --output {output} 2>&1 | tee {log}"

@@ -7,16 +7,31 @@ rule metrics:
         initial="outputs/{scene}/{level}/initial.npz",
         frames=all_segments(FRAMES),
     output:
-        table=report("outputs/{scene}/{level}/metrics.csv", **SHELF, caption="../docs/report/metrics.rst",
-                     labels={"what": "3 metrics of every frame"}),
-        summary=report("outputs/{scene}/{level}/metrics.html", **SHELF, caption="../docs/report/metrics.rst",
-                       labels={"what": "2 metrics in short"}),
-        plots=report(directory("outputs/{scene}/{level}/plots"), patterns=["{plot}.png"], **SHELF,
-                     caption="../docs/report/plot.rst", labels={"what": "4 plot: {plot}"}),
+        table=report(
+            "outputs/{scene}/{level}/metrics.csv",
+            **SHELF,
+            caption="../docs/report/metrics.rst",
+            labels={"what": "3 metrics of every frame"},
+        ),
+        summary=report(
+            "outputs/{scene}/{level}/metrics.html",
+            **SHELF,
+            caption="../docs/report/metrics.rst",
+            labels={"what": "2 metrics in short"},
+        ),
+        plots=report(
+            directory("outputs/{scene}/{level}/plots"),
+            patterns=["{plot}.png"],
+            **SHELF,
+            caption="../docs/report/plot.rst",
+            labels={"what": "4 plot: {plot}"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/metrics.log",
     params:
         depends=flow.depends("metrics"),
-    log: "outputs/{scene}/{level}/logs/metrics.log",
-    message: "{wildcards.scene} at {wildcards.level}: measure and plot all frames",
+    message:
+        "{wildcards.scene} at {wildcards.level}: measure and plot all frames"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
@@ -27,16 +42,33 @@ rule compare:
     input:
         lambda w: flow.compared(w.scene, w.level, w.other),
     output:
-        page=report("outputs/{scene}/compare_{level}_{other}.html", category="{scene}", subcategory="levels",
-                    caption="../docs/report/compare.rst", labels={"what": "1 {level} and {other}"}),
-        picture=report("outputs/{scene}/compare_{level}_{other}.png", category="{scene}", subcategory="levels",
-                       caption="../docs/report/compare.rst", labels={"what": "2 {level} and {other} (picture)"}),
-        table=report("outputs/{scene}/compare_{level}_{other}.csv", category="{scene}", subcategory="levels",
-                     caption="../docs/report/compare.rst", labels={"what": "3 {level} and {other} (CSV)"}),
+        page=report(
+            "outputs/{scene}/compare_{level}_{other}.html",
+            category="{scene}",
+            subcategory="levels",
+            caption="../docs/report/compare.rst",
+            labels={"what": "1 {level} and {other}"},
+        ),
+        picture=report(
+            "outputs/{scene}/compare_{level}_{other}.png",
+            category="{scene}",
+            subcategory="levels",
+            caption="../docs/report/compare.rst",
+            labels={"what": "2 {level} and {other} (picture)"},
+        ),
+        table=report(
+            "outputs/{scene}/compare_{level}_{other}.csv",
+            category="{scene}",
+            subcategory="levels",
+            caption="../docs/report/compare.rst",
+            labels={"what": "3 {level} and {other} (CSV)"},
+        ),
+    log:
+        "outputs/{scene}/logs/compare_{level}_{other}.log",
     params:
         depends=stage_digest("compare"),
-    log: "outputs/{scene}/logs/compare_{level}_{other}.log",
-    message: "{wildcards.scene}: compare {wildcards.level} with {wildcards.other}"
+    message:
+        "{wildcards.scene}: compare {wildcards.level} with {wildcards.other}"
     shell:
         "python -m pipeline.compare outputs/{wildcards.scene}/{wildcards.level} outputs/{wildcards.scene}/"
         "{wildcards.other} --output outputs/{wildcards.scene}/compare_{wildcards.level}_{wildcards.other}"

@@ -9,12 +9,19 @@ rule render:
         frames=FRAMES,
         surfaces="outputs/{scene}/{level}/surfaces/segment_{segment}",
     output:
-        report(directory(IMAGES), patterns=["frame_{frame}.png"],
-               **SHELF, caption="../docs/report/picture.rst", labels={"what": "5 picture of frame {frame}"}),
+        report(
+            directory(IMAGES),
+            patterns=["frame_{frame}.png"],
+            **SHELF,
+            caption="../docs/report/picture.rst",
+            labels={"what": "5 picture of frame {frame}"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/render_{segment}.log",
     params:
         depends=flow.depends("render"),
-    log: "outputs/{scene}/{level}/logs/render_{segment}.log",
-    message: "{wildcards.scene} at {wildcards.level}: draw segment {wildcards.segment}",
+    message:
+        "{wildcards.scene} at {wildcards.level}: draw segment {wildcards.segment}"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.render {input.scene} {input.initial} {input.eye} {input.frames} {input.surfaces}"
@@ -25,10 +32,17 @@ rule movie:
     input:
         all_segments(IMAGES),
     output:
-        report("outputs/{scene}/{level}/movie.mp4", **SHELF, caption="../docs/report/movie.rst",
-               labels={"what": "1 movie"}),
+        report(
+            "outputs/{scene}/{level}/movie.mp4",
+            **SHELF,
+            caption="../docs/report/movie.rst",
+            labels={"what": "1 movie"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/movie.log",
     params:
         depends=stage_digest("movie"),
-    log: "outputs/{scene}/{level}/logs/movie.log",
-    message: "{wildcards.scene} at {wildcards.level}: make the movie",
-    shell: "python -m pipeline.movie {input} --output {output} --fps 24 2>&1 | tee {log}"
+    message:
+        "{wildcards.scene} at {wildcards.level}: make the movie"
+    shell:
+        "python -m pipeline.movie {input} --output {output} --fps 24 2>&1 | tee {log}"

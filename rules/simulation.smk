@@ -10,14 +10,16 @@ rule simulate:
         frames=directory(FRAMES),
         checkpoint="outputs/{scene}/{level}/checkpoints/segment_{segment}.npz",
         costs="outputs/{scene}/{level}/costs/segment_{segment}.json",
+    log:
+        "outputs/{scene}/{level}/logs/simulate_{segment}.log",
+    priority: 10  # everything waits for the simulation
+    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
     params:
         depends=flow.depends("simulate"),
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
         segment=lambda w: int(w.segment),
-    log: "outputs/{scene}/{level}/logs/simulate_{segment}.log",
-    message: "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}",
-    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
-    priority: 10  # everything waits for the simulation
+    message:
+        "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
@@ -30,14 +32,24 @@ rule effect_costs:
         scene=SCENE,
         costs=all_segments("outputs/{scene}/{level}/costs/segment_{segment}.json"),
     output:
-        page=report("outputs/{scene}/{level}/effects.html", **SHELF, caption="../docs/report/effects.rst",
-                    labels={"what": "8 effects: memory, kernels, time"}),
-        table=report("outputs/{scene}/{level}/effects.csv", **SHELF, caption="../docs/report/effects.rst",
-                     labels={"what": "8 effects (CSV)"}),
+        page=report(
+            "outputs/{scene}/{level}/effects.html",
+            **SHELF,
+            caption="../docs/report/effects.rst",
+            labels={"what": "8 effects: memory, kernels, time"},
+        ),
+        table=report(
+            "outputs/{scene}/{level}/effects.csv",
+            **SHELF,
+            caption="../docs/report/effects.rst",
+            labels={"what": "8 effects (CSV)"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/effect_costs.log",
     params:
         depends=flow.depends("effect_costs"),
-    log: "outputs/{scene}/{level}/logs/effect_costs.log",
-    message: "{wildcards.scene} at {wildcards.level}: add up what the effects cost"
+    message:
+        "{wildcards.scene} at {wildcards.level}: add up what the effects cost"
     shell:
         "python -m pipeline.effect_costs {input.scene} {input.costs} --page {output.page} --table {output.table}"
         " 2>&1 | tee {log}"
@@ -48,8 +60,11 @@ rule index_frames:
         all_segments(FRAMES),
     output:
         "outputs/{scene}/{level}/frames/frames.pvd",
+    log:
+        "outputs/{scene}/{level}/logs/index_frames.log",
     params:
         depends=stage_digest("frames"),
-    log: "outputs/{scene}/{level}/logs/index_frames.log",
-    message: "{wildcards.scene} at {wildcards.level}: index the frames for ParaView",
-    shell: "python -m pipeline.frames pvd {input} --output {output} 2>&1 | tee {log}"
+    message:
+        "{wildcards.scene} at {wildcards.level}: index the frames for ParaView"
+    shell:
+        "python -m pipeline.frames pvd {input} --output {output} 2>&1 | tee {log}"

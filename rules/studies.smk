@@ -2,6 +2,7 @@
 
 The level is that of `--config accuracy=...`, or of the path: `snakemake -j2 outputs/studies/<study>/<level>/table.html`.
 """
+
 from pipeline.workflow.studies import Studies
 
 studies = Studies(flow)
@@ -12,14 +13,16 @@ rule study_case:
         lambda w: studies.inputs(w.study, w.level, w.case),
     output:
         directory("outputs/studies/{study}/{level}/cases/{case}"),
-    params:
-        depends=lambda w: studies.depends(w.study, w.level, w.case),
+    log:
+        "outputs/studies/{study}/{level}/logs/{case}.log",
     wildcard_constraints:
         study=r"[A-Za-z0-9_]+",
         case=r"[A-Za-z0-9_.-]+",
-    log: "outputs/studies/{study}/{level}/logs/{case}.log",
-    message: "{wildcards.study} at {wildcards.level}: run {wildcards.case}",
     threads: lambda w: studies.threads(w.study, w.level, w.case, workflow.cores)
+    params:
+        depends=lambda w: studies.depends(w.study, w.level, w.case),
+    message:
+        "{wildcards.study} at {wildcards.level}: run {wildcards.case}"
     shell:
         "python -m pipeline.study {wildcards.study} --case {wildcards.case} --accuracy {wildcards.level}"
         " --threads {threads} {flow.device} --output {output} 2>&1 | tee {log}"
@@ -30,31 +33,53 @@ for name in studies.names:
     shelf = {"category": "studies", "subcategory": f"{name} at {{level}}"}
 
     rule:
-        name: f"{name}_report"
+        name:
+            f"{name}_report"
         input:
             lambda w, study=name: studies.case_folders(study, w.level),
         output:
-            table=report(f"{folder}/table.csv", **shelf, caption="../docs/report/study.rst",
-                         labels={"what": "3 table (CSV)"}),
-            page=report(f"{folder}/table.html", **shelf, caption="../docs/report/study.rst",
-                        labels={"what": "1 what was found"}),
-            pictures=[report(f"{folder}/{picture}.png", **shelf, caption="../docs/report/study_figure.rst",
-                             labels={"what": f"2 {picture.replace('_', ' ')}"})
-                      for picture in studies.pictures(name)],
-            tables=[report(f"{folder}/{table}.csv", **shelf, caption="../docs/report/study.rst",
-                           labels={"what": f"4 {table.replace('_', ' ')} (CSV)"})
-                    for table in studies.tables(name)],
+            table=report(
+                f"{folder}/table.csv", **shelf, caption="../docs/report/study.rst", labels={"what": "3 table (CSV)"}
+            ),
+            page=report(
+                f"{folder}/table.html",
+                **shelf,
+                caption="../docs/report/study.rst",
+                labels={"what": "1 what was found"},
+            ),
+            pictures=[
+                report(
+                    f"{folder}/{picture}.png",
+                    **shelf,
+                    caption="../docs/report/study_figure.rst",
+                    labels={"what": f"2 {picture.replace('_', ' ')}"},
+                )
+                for picture in studies.pictures(name)
+            ],
+            tables=[
+                report(
+                    f"{folder}/{table}.csv",
+                    **shelf,
+                    caption="../docs/report/study.rst",
+                    labels={"what": f"4 {table.replace('_', ' ')} (CSV)"},
+                )
+                for table in studies.tables(name)
+            ],
+        log:
+            f"{folder}/logs/report.log",
         params:
             depends=lambda w, study=name: studies.report_depends(study, w.level),
             study=name,
-        log: f"{folder}/logs/report.log",
-        message: "{params.study} at {wildcards.level}: gather the cases"
+        message:
+            "{params.study} at {wildcards.level}: gather the cases"
         shell:
             "python -m pipeline.study_report {params.study} {input} --accuracy {wildcards.level}"
             " --output outputs/studies/{params.study}/{wildcards.level} 2>&1 | tee {log}"
 
     rule:
-        name: name
+        name:
+            name
         input:
             f"outputs/studies/{name}/{flow.accuracy}/table.html",
-        message: "done: {input}"
+        message:
+            "done: {input}"

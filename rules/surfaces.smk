@@ -8,10 +8,12 @@ rule reconstruct:
         frames=FRAMES,
     output:
         directory("outputs/{scene}/{level}/surfaces/segment_{segment}"),
+    log:
+        "outputs/{scene}/{level}/logs/reconstruct_{segment}.log",
     params:
         depends=flow.depends("reconstruct"),
-    log: "outputs/{scene}/{level}/logs/reconstruct_{segment}.log",
-    message: "{wildcards.scene} at {wildcards.level}: reconstruct the surfaces of segment {wildcards.segment}",
+    message:
+        "{wildcards.scene} at {wildcards.level}: reconstruct the surfaces of segment {wildcards.segment}"
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
@@ -24,12 +26,18 @@ rule bodies:
         surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
     output:
         table="outputs/{scene}/{level}/bodies.csv",
-        plot=report("outputs/{scene}/{level}/bodies.png", **SHELF, caption="../docs/report/bodies.rst",
-                    labels={"what": "4 plot: bodies of the liquids"}),
+        plot=report(
+            "outputs/{scene}/{level}/bodies.png",
+            **SHELF,
+            caption="../docs/report/bodies.rst",
+            labels={"what": "4 plot: bodies of the liquids"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/bodies.log",
     params:
         depends=flow.depends("bodies"),
-    log: "outputs/{scene}/{level}/logs/bodies.log",
-    message: "{wildcards.scene} at {wildcards.level}: count and measure the bodies of the liquids",
+    message:
+        "{wildcards.scene} at {wildcards.level}: count and measure the bodies of the liquids"
     shell:
         "python -m pipeline.bodies {input.scene} {input.surfaces} --output {output.table} --plot {output.plot}"
         " 2>&1 | tee {log}"

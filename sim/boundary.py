@@ -1,4 +1,7 @@
-"""Wall particles: static, in layers outside the surface of the cavity, sorted once; and the last stop at the wall."""
+"""Wall particles: static, in layers outside the surface of the cavity, sorted once; and the last stop at the wall.
+
+Equations: docs/methods/walls.md.
+"""
 import numpy as np
 import taichi as ti
 
@@ -58,7 +61,7 @@ class WallStop:
         self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
         if overlap > 0.0:
             normal = self.distance.normal(x)
-            x -= overlap * normal
+            x -= overlap * normal  # (L5)
             v -= ti.max(v.dot(normal), 0.0) * normal
         return x, v
 

@@ -7,7 +7,7 @@ repeated from a state before, so a run that went bad is repeated with a look aft
 import numpy as np
 import taichi as ti
 
-ACCELERATION_HOOKS = ("body_acceleration", "pair_acceleration", "wall_acceleration")
+from sim.accelerations import HOOKS, Accelerations
 
 
 def described(solver, row: int) -> str:
@@ -39,7 +39,7 @@ class Watcher:
     def __init__(self, solver):
         self.solver = solver
         self.alone = {effect.name: EffectAlone(solver, effect) for effect in solver.effects
-                      if any(effect in getattr(solver, f"{hook}_effects") for hook in ACCELERATION_HOOKS)}
+                      if any(effect in getattr(solver, f"{hook}_effects") for hook in HOOKS)}
         self.largest_gain, self.gain_in_words = 0.0, ""
         self.speed = self._speeds()
 
@@ -86,27 +86,9 @@ class EffectAlone:
     """The acceleration of one effect."""
 
     def __init__(self, solver, effect):
-        self.solver, self.effect = solver, effect
-        self.body, self.pair, self.wall = (effect in getattr(solver, f"{hook}_effects") for hook in ACCELERATION_HOOKS)
+        self.solver, self.accelerations = solver, Accelerations(solver, [effect])
 
     @ti.kernel
     def accelerate(self):
         for i in range(self.solver.count[None]):
-            a = self.solver.velocity[i] * 0.0
-            if ti.static(self.body):
-                a += self.effect.body_acceleration(i)
-            if ti.static(self.pair):
-                for slot in range(self.solver.pairs.count[i]):
-                    k = self.solver.pairs.entry(i, slot)
-                    j = self.solver.pairs.index[k]
-                    x_ij = self.solver.search.separation(self.solver.position[i], self.solver.position[j])
-                    a += self.effect.pair_acceleration(i, j, x_ij, self.solver.pairs.gradient[k],
-                                                       self.solver.pairs.weight[k])
-            if ti.static(self.wall):
-                for slot in range(self.solver.wall_pairs.count[i]):
-                    k = self.solver.wall_pairs.entry(i, slot)
-                    b = self.solver.wall_pairs.index[k]
-                    x_ib = self.solver.search.separation(self.solver.position[i], self.solver.walls.position[b])
-                    a += self.effect.wall_acceleration(i, b, x_ib, self.solver.wall_pairs.gradient[k],
-                                                       self.solver.wall_pairs.weight[k])
-            self.solver.acceleration[i] = a
+            self.solver.acceleration[i] = self.accelerations.of(i)

@@ -79,7 +79,7 @@ class ParticleStore:
         self.source, self.target = (ti.field(ti.i32, shape=COPIED_AT_ONCE) for _ in range(2))
         self.carried = [self.arrays[f.name] for f in self.declared.values() if f.carried]
         buffers = {kind: allocate(Field("buffer", kind, "", ""), capacity, dimension, liquids)
-                   for kind in {f.kind for f in self.declared.values() if f.carried}}
+                   for kind in dict.fromkeys(f.kind for f in self.declared.values() if f.carried)}
         self.buffers = [buffers[f.kind] for f in self.declared.values() if f.carried]
 
     def view(self, owner: str, names) -> FieldView:

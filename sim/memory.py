@@ -16,7 +16,7 @@ ROW = 12  # bytes that a row of neighbors takes beside its entries
 NODES = {2: 4.0, 3: 15.0}  # nodes of the grid per particle: half a spacing apart, around an eye in a box
 
 
-def needed_bytes(settings: Settings, particles: int, walls: int | None = None, nodes: int | None = None,
+def needed_bytes(settings: Settings, particles: float, walls: float | None = None, nodes: float | None = None,
                  head_room: float = HEAD_ROOM) -> float:
     """Return the memory, bytes, that a solver needs.
 

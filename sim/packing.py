@@ -1,4 +1,4 @@
-"""Packing of a lattice into a curved cavity, before time starts."""
+"""Packing of a lattice into a curved cavity, before time starts (docs/methods/walls.md)."""
 import numpy as np
 import taichi as ti
 
@@ -32,7 +32,7 @@ class _Packing:
                 k = self.wall_pairs.entry(i, slot)
                 total += self.wall_pairs.gradient[k]
                 weight += self.wall_pairs.weight[k]
-            move = -RELAXATION * self.spacing * self.support * total
+            move = -RELAXATION * self.spacing * self.support * total  # (L4)
             self.shift[i] = move * ti.min(1.0, STEP_LIMIT * self.spacing / ti.max(move.norm(), 1e-30))
             self.compression[i] = weight
         for i in range(self.particles.count[None]):

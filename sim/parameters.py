@@ -3,7 +3,7 @@
 The metadata is the single source for validation (``pipeline.scene``), the JSON schema and the documentation.
 """
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -15,7 +15,7 @@ def parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     exclusive_minimum: float | None = None,
-    choices: Sequence[str] | None = None,
+    choices: Iterable[str | int] | None = None,
     liquid: bool = False,
     reason: str = "",
 ):
@@ -25,7 +25,7 @@ def parameter(
     ----------
     default : value in SI, optional; without one the parameter is required in the scene file.
     meaning : one phrase in physics words, shown by the documentation and by error messages.
-    unit : SI unit in pint's spelling ("m", "Pa s", "N/m", "deg"); "" for a pure number.
+    unit : SI unit in pint's spelling ("m", "Pa s", "N/m", "rad"); "" for a pure number.
     minimum, maximum, exclusive_minimum : allowed range in that unit (of every component of a point).
     choices : the allowed words, for a parameter that is a word.
     liquid : True where the value names one of the scene's liquids.

@@ -4,7 +4,7 @@
 extrapolates the pressure of the liquid to wall particles, P_bf = V_f W_bf / sum_f V_f W_bf. The transpose of E folds
 the volume rate of the wall rows back onto the liquid, so that A is symmetric, momentum is exact between liquid and
 wall, and a tangential slip feels no wall pressure (p_b = 0 and mirrored pressures leave 24-44 % hydrostatic error on
-curved walls).
+curved walls). Equations: docs/methods/pressure.md.
 """
 import taichi as ti
 
@@ -35,8 +35,8 @@ class PressureOperators:
         self.volume = particles.arrays["volume"]
         self.mass = particles.arrays["mass"]
         self.gradient_sum = gradient_sum
+        self.search, self.walls = search, search.walls
         self.pairs, self.wall_pairs, self.wall_rows = search.pairs, search.wall_pairs, search.wall_rows
-        self.walls = search.walls
         n, walls, dimension = particles.capacity, max(search.walls.count, 1), particles.dimension
         self.applied, self.mobility = (ti.field(real(), shape=n) for _ in range(2))
         self.diagonal = tuple(ti.field(real(), shape=n) for _ in range(2))  # without and with weight
@@ -59,7 +59,7 @@ class PressureOperators:
 
     @ti.func
     def extrapolated(self, p: ti.template(), b):
-        """Pressure of wall particle b: mean of the liquid neighbors."""
+        """Pressure of wall particle b: mean of the liquid neighbors (P2)."""
         total = 0.0
         for slot in range(self.wall_rows.count[b]):
             k = self.wall_rows.entry(b, slot)
@@ -68,7 +68,7 @@ class PressureOperators:
 
     @ti.func
     def liquid_force(self, p: ti.template(), i):
-        """Part of -(D^T E p)_i / V_i that the pressure of the liquid makes."""
+        """Part of -(D^T E p)_i / V_i that the pressure of the liquid makes (P3)."""
         total = p[i] * self.gradient_sum[i]
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
@@ -109,7 +109,7 @@ class PressureOperators:
 
     @ti.func
     def liquid_rate(self, v: ti.template(), i):
-        """(D v)_i / V_i."""
+        """(D v)_i / V_i (P1)."""
         total = v[i].dot(self.gradient_sum[i])
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
@@ -146,12 +146,12 @@ class PressureOperators:
 
     @ti.func
     def wall_hydrostatics(self, position: ti.template(), acceleration: ti.template(), b):
-        """Part of the pressure of wall particle b that follows from the acceleration of the liquid around it."""
+        """Part of the pressure of wall particle b that follows from the acceleration of the liquid around it (P6)."""
         total = 0.0
         for slot in range(self.wall_rows.count[b]):
             k = self.wall_rows.entry(b, slot)
             j = self.wall_rows.index[k]
-            distance = self.walls.position[b] - position[j]
+            distance = self.search.separation(self.walls.position[b], position[j])
             total += self.wall_rows.weight[k] * self.mass[j] / self.volume[j] * acceleration[j].dot(distance)
         return self.over_wall_weight(b, total)
 
@@ -195,7 +195,7 @@ class PressureOperators:
 
     @ti.kernel
     def update_diagonals(self, dt: float):
-        """Mobilities in a step dt, and the diagonals of A, without and with weight.
+        """Mobilities in a step dt, and the diagonals of A, without and with weight (P5).
 
         The diagonals are less what one liquid particle does to another by way of the wall.
         """
@@ -219,7 +219,7 @@ class PressureOperators:
 
     @ti.kernel
     def apply(self, x: ti.template(), weighted: ti.template()):
-        """applied = A x."""
+        """applied = A x (P4)."""
         for b in range(self.walls.count):
             self.wall_value[b] = self.extrapolated(x, b)
         for i in range(self.count[None]):

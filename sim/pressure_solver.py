@@ -2,7 +2,7 @@
 
 A completely full cavity takes any sign of the pressure and fixes it up to a constant: conjugate residuals. A liquid
 with a free surface wants p >= 0 with A p >= b, and equality where p > 0: Jacobi iterations with a clamp, plain or
-accelerated.
+accelerated. Equations: docs/methods/pressure.md.
 """
 import taichi as ti
 
@@ -144,8 +144,8 @@ class ConjugateResiduals:
 
 @ti.data_oriented
 class Jacobi:
-    """Relaxed Jacobi iterations with p >= 0, plain or accelerated (Nesterov's momentum with adaptive restart,
-    O'Donoghue & Candes 2015; the accelerated projected gradient of Mazhar et al. 2015, with the diagonal as metric).
+    """Relaxed Jacobi iterations with p >= 0, plain or accelerated: Nesterov's momentum with adaptive restart
+    [odonoghue2015], the accelerated projected gradient of [mazhar2015] with the diagonal as metric.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class Jacobi:
                 y = self.extrapolated[i]
                 new = 0.0
                 if d > 0.0:
-                    new = ti.max(y + self.relaxation[None] * missing / d, 0.0)
+                    new = ti.max(y + self.relaxation[None] * missing / d, 0.0)  # (P12)
                 change = new - p[i]
                 left = ti.max(missing, ti.select(new > 0.0, -missing, 0.0)) / self.operators.volume[i]
                 total += left

@@ -20,8 +20,9 @@ from taichi.lang.impl import get_runtime
 from taichi.lang.kernel_impl import Kernel
 from taichi.lang.util import to_numpy_type
 
+from sim.accelerations import HOOKS
+
 PARTICLES, NEIGHBORS, SOLVER = "particles", "neighbors", "solver"
-SHARED_HOOKS = ("body_acceleration", "pair_acceleration", "wall_acceleration")
 # Rows of `solver.seconds` that belong to no effect and not to the scheme.
 SHARED_TIMES = {"neighbors": NEIGHBORS, "accelerations": SOLVER, "time step": SOLVER}
 
@@ -164,10 +165,10 @@ def costs(solver, launches: Mapping = MappingProxyType({}), before: Mapping = Ma
             found[part].kernels += 1
             found[part].launches += launches.get(handle, 0)
     for name, (seconds, cpu_seconds) in times(solver).items():
-        part = found[SHARED_TIMES.get(name, name if name in found else solver.scheme.name)]
-        part.seconds += seconds - before.get(name, (0.0, 0.0))[0]
-        part.cpu_seconds += cpu_seconds - before.get(name, (0.0, 0.0))[1]
+        cost = found[SHARED_TIMES.get(name, name if name in found else solver.scheme.name)]
+        cost.seconds += seconds - before.get(name, (0.0, 0.0))[0]
+        cost.cpu_seconds += cpu_seconds - before.get(name, (0.0, 0.0))[1]
     for effect in solver.effects:
         found[effect.name].hooks = tuple(
-            hook for hook in SHARED_HOOKS if effect in getattr(solver, f"{hook}_effects"))
+            hook for hook in HOOKS if effect in getattr(solver, f"{hook}_effects"))
     return list(found.values())

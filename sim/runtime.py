@@ -1,6 +1,7 @@
 """Start of Taichi, once per process."""
 import contextlib
 import os
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -9,7 +10,7 @@ from taichi.lang.impl import current_cfg
 from sim.cores import available_cores, useful_threads
 from sim.devices import AUTO, best_device
 
-_started: dict[str, object] = {}
+_started: dict[str, Any] = {}
 _packed_field = ti.field
 
 
@@ -34,7 +35,7 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") ->
     NoDevice
         Where Taichi would fall back to the CPU.
     """
-    wanted = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads(),
+    wanted: dict[str, Any] = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads(),
               "device": _started.get("device") or best_device() if device == AUTO else device}
     if _started:
         if _started != wanted:

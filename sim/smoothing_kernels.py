@@ -1,10 +1,11 @@
-"""Smoothing kernels W and their gradients as functions of q = r/h, h the support radius (methods: Wendland 1995;
-Monaghan 1992), normalized in 2D and 3D.
+"""Smoothing kernels W and their gradients as functions of q = r/h, h the support radius [wendland1995; monaghan1992],
+normalized in 2D and 3D (docs/methods/kernels.md).
 
 Every formula carries a single power of 1/h, so that float32 holds at small h.
 """
 import math
 from types import MappingProxyType
+from typing import Any
 
 import taichi as ti
 
@@ -26,13 +27,13 @@ class WendlandC2:
         """W(r)."""
         q = r / self.support_radius
         s = ti.max(1.0 - q, 0.0)
-        return self.scale * (s * s) * (s * s) * (4.0 * q + 1.0)
+        return self.scale * (s * s) * (s * s) * (4.0 * q + 1.0)  # (K1)
 
     @ti.func
     def gradient_factor(self, r):
         """(dW/dr)/r, finite at r = 0; the gradient at i is this times x_ij."""
         s = ti.max(1.0 - r / self.support_radius, 0.0)
-        return self.gradient_scale * s * s * s
+        return self.gradient_scale * s * s * s  # (K1)
 
 
 @ti.data_oriented
@@ -52,17 +53,17 @@ class CubicSpline:
         """W(r)."""
         q = r / self.support_radius
         s = ti.max(1.0 - q, 0.0)
-        return self.scale * ti.select(q <= 0.5, 6.0 * q * q * (q - 1.0) + 1.0, 2.0 * s * s * s)
+        return self.scale * ti.select(q <= 0.5, 6.0 * q * q * (q - 1.0) + 1.0, 2.0 * s * s * s)  # (K2)
 
     @ti.func
     def gradient_factor(self, r):
         """(dW/dr)/r, finite at r = 0; the gradient at i is this times x_ij."""
         q = r / self.support_radius
         s = ti.max(1.0 - q, 0.0)
-        return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))
+        return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))  # (K2)
 
 
-KERNELS = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
+KERNELS: dict[str, Any] = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
 
 
 @ti.kernel
@@ -87,7 +88,7 @@ def _lattice_total(kernel: ti.template(), spacing: float, reach: int, dimension:
 
 def lattice_sum(kernel, spacing: float, dimension: int) -> float:
     """Return the compression rate of a liquid at rest: the sum of V W over a square or cubic lattice."""
-    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, False)
+    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, False)  # (K4)
 
 
 def lattice_moment(kernel, spacing: float, dimension: int) -> float:
@@ -95,4 +96,5 @@ def lattice_moment(kernel, spacing: float, dimension: int) -> float:
 
     By that much pair fluxes along a gradient are off on a lattice (3 % at h = 2.5 dx), and nearly so on packed sets.
     """
+    # (K4)
     return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, True) / dimension

@@ -1,13 +1,16 @@
 """The solver: built from settings and arrays, advanced in time, exported and restored bit by bit."""
+import dataclasses
 import functools
 import math
 import time
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
 
 from sim import effects as effect_registry
 from sim import schemes
+from sim.accelerations import Accelerations
 from sim.diagnosis import Watcher, bad_number, described
 from sim.effect_selection import without_idle
 from sim.errors import OutOfRoom, RunError
@@ -32,6 +35,7 @@ BASE_FIELDS = (
 )
 
 SPEED, ACCELERATION, SQUARES, CHANGE = range(4)  # what `Solver.largest` holds
+STEP_NUMERICS = ("courant_number", "maximum_time_step", "minimum_time_step", "time_step")  # read before every step
 COINCIDENT_SHIFT = 0.01  # of a particle that starts where another one is, in particle spacings
 
 
@@ -58,6 +62,9 @@ class Solver:
     fluid_velocity : (n, d), m/s; at rest without it.
     head_room : neighbors that fit, over those at rest density everywhere; other arrays grow with it.
     """
+
+    if TYPE_CHECKING:  # fields of the particles, and the effects that have a hook
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, settings: Settings, *, fluid_position, fluid_volume, fluid_phase, wall_position, wall_volume,
                  wall_depth, sdf_values, sdf_origin, sdf_cell, cavity_volume, fluid_velocity=None, head_room=HEAD_ROOM):
@@ -114,6 +121,7 @@ class Solver:
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
             setattr(self, f"{hook}_effects",
                     [e for e in self.effects if e.overrides(hook) and hook not in e.unused_hooks])
+        self.accelerations = Accelerations(self, self.effects)
         self.prepare_rest_state()
 
     def _set_particles(self, position, volume, phase, velocity):
@@ -184,44 +192,40 @@ class Solver:
     @ti.kernel
     def _accelerate(self, dt: float):
         for i in range(self.count[None]):
-            a = self.velocity[i] * 0.0
-            for effect in ti.static(self.body_acceleration_effects):
-                a += effect.body_acceleration(i)
-            if ti.static(len(self.pair_acceleration_effects) > 0):
-                for slot in range(self.pairs.count[i]):
-                    k = self.pairs.entry(i, slot)
-                    j = self.pairs.index[k]
-                    x_ij = self.search.separation(self.position[i], self.position[j])
-                    for effect in ti.static(self.pair_acceleration_effects):
-                        a += effect.pair_acceleration(i, j, x_ij, self.pairs.gradient[k], self.pairs.weight[k])
-            if ti.static(len(self.wall_acceleration_effects) > 0):
-                for slot in range(self.wall_pairs.count[i]):
-                    k = self.wall_pairs.entry(i, slot)
-                    b = self.wall_pairs.index[k]
-                    x_ib = self.search.separation(self.position[i], self.walls.position[b])
-                    for effect in ti.static(self.wall_acceleration_effects):
-                        a += effect.wall_acceleration(i, b, x_ib, self.wall_pairs.gradient[k],
-                                                      self.wall_pairs.weight[k])
-            self.acceleration[i] = a
+            self.acceleration[i] = self.accelerations.of(i)
         for i in range(self.count[None]):
             self.velocity_at_start[i] = self.velocity[i]
             self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:
-        """Smallest limit of the scheme and of the active effects, s."""
+        """Smallest limit of the scheme and of the active effects, s (docs/methods/time_step.md)."""
         numerics = self.settings.numerics
         speed, change = self.largest[SPEED], self.largest[CHANGE]
         limits = [numerics.maximum_time_step]
         if speed > 0.0:
-            limits.append(numerics.courant_number * self.spacing / speed)
+            limits.append(numerics.courant_number * self.spacing / speed)  # (A1)
         if change > 0.0:
-            limits.append(0.5 * (self.spacing / change) ** 0.5)
+            limits.append(0.5 * (self.spacing / change) ** 0.5)  # (A2)
         if self.step_count == 0:  # no acceleration was measured yet
             limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
                        if e.largest_acceleration() > 0.0]
         limits.append(self.scheme.stable_time_step())
         limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
+
+    def set_time_steps(self, **values: Any) -> None:
+        """Change numerics that are read before every step (`STEP_NUMERICS`); all others are compiled into kernels.
+
+        Raises
+        ------
+        ValueError
+            Another one is named.
+        """
+        if fixed := values.keys() - set(STEP_NUMERICS):
+            raise ValueError(f"{', '.join(sorted(fixed))} cannot change once the solver is built, only "
+                             f"{', '.join(STEP_NUMERICS)} can")
+        self.settings = dataclasses.replace(self.settings, numerics=dataclasses.replace(self.settings.numerics,
+                                                                                        **values))
 
     # What effects say of the scene as a whole, in whatever order they were made.
 

@@ -12,6 +12,7 @@ from pipeline.cavity.shapes import shape_arrays
 from sim.effects import REGISTRY
 from sim.neighbor_rows import HEAD_ROOM
 from sim.packing import pack
+from sim.runtime import restart
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import Solver
 
@@ -61,9 +62,27 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
                   cavity_volume=arrays["cavity_volume"], head_room=head_room)
 
 
+def anew(built, *arguments, **changes):
+    """Return what `built` builds once Taichi has started anew: a second solver like the first is not compiled again.
+
+    Solvers built before are void.
+    """
+    restart()
+    return built(*arguments, **changes)
+
+
 def run(solver: Solver, until: float, watch=lambda solver: None) -> list:
     """Advance to a time; return what `watch` gives after every step."""
     return [watch(solver) for _ in solver.advance(until)]
+
+
+def run_in_steps(solver: Solver, step: float, until: float, watch=lambda solver: None) -> list:
+    """Advance to a time in steps of at most `step`; return what `watch` gives after every one."""
+    seen = []
+    while until - solver.time > 1e-6 * step:
+        solver.step(step, until)
+        seen.append(watch(solver))
+    return seen
 
 
 def read(solver: Solver, *names: str) -> list[np.ndarray]:
@@ -86,7 +105,7 @@ def root_mean_square_speed(solver: Solver) -> float:
 def tank(arrays, precision: str) -> Solver:
     """Return a tank that turns over: oil left, aqueous right, with tension and diffusion."""
     effects = (parameters("gravity"), parameters("viscosity_implicit"),
-               parameters("interface_tension", coefficient=0.04, contact_angle=60.0),
+               parameters("interface_tension", coefficient=0.04, contact_angle=math.radians(60.0)),
                parameters("diffusion", coefficient=1e-6))
     return build(arrays, effects=effects, phase=lambda x: x[:, 0] < 0.0, precision=precision)
 

@@ -5,10 +5,31 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_snakemake
 import numpy as np
 import pytest
+from taichi.lang.ast import ast_transformer_utils
 
 ROOT = Path(__file__).parents[1]
+# Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
+# limit of 100 MB is less than the tests need, and what is over it would be compiled again.
+COMPILED = ROOT / ".pytest_cache" / "taichi"
+os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
+os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
+
+
+class _Unwrapped:
+    """Lines of code as they are, in the place of `textwrap.TextWrapper`."""
+
+    def __init__(self, **_):
+        pass
+
+    def wrap(self, text: str) -> list[str]:
+        return [text] if text.strip() else []
+
+
+# Taichi breaks the lines of every expression for messages of errors: half of the time before it compiles.
+ast_transformer_utils.TextWrapper = _Unwrapped
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +42,17 @@ def taichi():
     shut_down()
     initialize("f64")
     return ti
+
+
+@pytest.fixture
+def anew(taichi) -> None:
+    """Start Taichi anew for a test, so that its kernels are those of the last run, whatever was tested before.
+
+    A compiled kernel is found again only where its fields have the same numbers, which count from the start.
+    """
+    from sim.runtime import restart
+
+    restart()
 
 
 @pytest.fixture(scope="session")
@@ -75,8 +107,9 @@ class Project:
 
     def snakemake(self, *arguments: str) -> tuple[int, str]:
         """Run Snakemake to its end; return its exit code and all that it printed."""
-        code = self.start(*arguments).wait()
-        return code, (self.folder / "snakemake.log").read_text()
+        log = self.folder / "snakemake.log"
+        code = forked_snakemake.run(self.folder, arguments, log)
+        return code, log.read_text()
 
 
 @pytest.fixture

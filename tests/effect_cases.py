@@ -1,4 +1,6 @@
 """Parameters of every effect with which it acts, and with which it does nothing."""
+import math
+
 import cavities
 
 from sim.effects.eye_rotation import Oscillation, Saccade
@@ -13,7 +15,7 @@ SHEDDING = {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}
 ACTIVE = {
     "injection": FLOW,
     "gravity": {},
-    "eye_rotation": {"oscillation": Oscillation(10.0, 5.0, (0.0, 0.0, 1.0))},
+    "eye_rotation": {"oscillation": Oscillation(math.radians(10.0), 5.0, (0.0, 0.0, 1.0))},
     "interface_tension": {"coefficient": 0.04},
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},

@@ -5,6 +5,7 @@ import cavities
 import numpy as np
 from cavities import AQUEOUS, OIL, build, cavity, parameters
 
+from sim.effects.eye_rotation import Oscillation
 from sim.effects.viscoelastic import ElasticLiquid
 from sim.settings import Liquid
 
@@ -17,6 +18,7 @@ EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"g
                      "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6},
                      "drift": {"droplet_diameter": 1e-5},
                      "viscoelastic": {"liquids": (ElasticLiquid("oil", 10.0, 0.1),)},
+                     "eye_rotation": {"oscillation": Oscillation(10.0, 5.0, (0.0, 0.0, 1.0))},
                      "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}}
 
 
@@ -74,19 +76,38 @@ def dam_front(scheme: str, particles: int, **more):
     return np.array(front), DAM_FRONT[1:, 1]
 
 
-def full_box(scheme: str, dimension: int, names):
+def full_box(scheme: str, dimension: int, names, light: Liquid = OIL):
     """Return a small full box of two liquids (and droplets) that is stirred, with the named effects all at once."""
     effects = tuple(parameters(name, **EFFECT_PARAMETERS.get(name, {})) for name in names)
     return build(cavity("box", (8e-3,) * dimension, dimension), effects=effects, phase=lambda x: x[:, 0] > 0.0,
-                 liquids=(AQUEOUS, OIL, Liquid("droplets", OIL.density, OIL.dynamic_viscosity)), scheme=scheme,
+                 liquids=(AQUEOUS, light, Liquid("droplets", light.density, light.dynamic_viscosity)), scheme=scheme,
                  velocity=lambda x: 1e-2 * np.sin(1e3 * x))
 
 
 def assert_runs(solver, largest_speed: float) -> None:
-    """Four steps leave every field finite, the compression near 1 and the speeds bounded."""
+    """Four steps of a full box with all effects: each of them acts, and none makes or loses liquid.
+
+    Every field is finite, the compression near 1 and the speeds are bounded. Layers do not collide.
+    """
+    def volumes() -> np.ndarray:
+        """Volume of aqueous and of oil, with the droplets that are shed, m^d."""
+        volume, fraction = cavities.read(solver, "volume", "volume_fraction")
+        return volume @ fraction @ [[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]
+
+    before = volumes()
     for _ in range(4):
         solver.step()
     state = solver.snapshot()
     assert all(np.isfinite(values).all() for values in state.values())
     assert state["compression_rate"].min() > 0.9 and state["compression_rate"].max() < 1.2
     assert np.linalg.norm(state["velocity"], axis=1).max() < largest_speed
+    np.testing.assert_allclose(volumes(), before, rtol=1e-12)
+    volume, fraction, mass = cavities.read(solver, "volume", "volume_fraction", "mass")
+    assert 0.0 < volume @ fraction[:, 2] < 1e-6 * volume.sum() and fraction.min() >= 0.0
+    np.testing.assert_allclose(mass, volume * (fraction @ [liquid.density for liquid in solver.liquids]), rtol=1e-12)
+    assert (solver.distance.at(solver.particles.to_numpy("position")) < 0.0).all()
+    assert not solver.notes  # none was left out
+    for effect in solver.effects:
+        if effect.name != "collision":
+            for field in effect.fields:
+                assert cavities.read(solver, field.name)[0].any(), (effect.name, field.name)

@@ -30,7 +30,7 @@ def built(case: str, eye: dict[str, np.ndarray]):
         return free_surface.dam("volume_incompressible", 8, precision="f32")
     if case == "eye":
         more = (cavities.parameters("gravity"),
-                cavities.parameters("interface_tension", coefficient=0.04, contact_angle=18.2))
+                cavities.parameters("interface_tension", coefficient=0.04, contact_angle=np.radians(18.2)))
         return cavities.injected(eye, "f32", more)
     scheme, cavity = case.split()
     return determinism.everything(determinism.Parameters(scheme=scheme, cavity=cavity))

@@ -1,13 +1,12 @@
 """All that is said about a scene before it is run, as text, page or JSON."""
 import dataclasses
-import html
 import json
 import math
 
 from pipeline.advice.dimensionless_numbers import Scales, dimensionless_numbers, time_scales
 from pipeline.advice.rules import advice
 from pipeline.advice.time_step_limits import deciding_limit, step_count, time_step_limits
-from pipeline.base.page import STYLE
+from pipeline.base import page
 from pipeline.scenes.model import Scene
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, shown
 
@@ -95,19 +94,15 @@ def text_of(report: Report) -> str:
 
 def html_of(report: Report) -> str:
     """Return the report as a page."""
-    parts = []
+    parts = [page.paragraph(f"Accuracy {report.accuracy}. {DISCLAIMER}")]
     for level, heading in HEADINGS.items():
         chosen = [one for one in report.advice if one.level == level]
-        items = "".join(f"<li><b>{html.escape(one.effect)}</b>: {html.escape(one.sentence)}.</li>" for one in chosen)
-        parts += [f"<h2>{heading}</h2><ul>{items}</ul>"] * bool(chosen)
+        parts += [page.section(heading), page.bullets([page.bold(one.effect) + f": {one.sentence}." for one in chosen])
+                  ] * bool(chosen)
     for heading, rows in _sections(report):
-        cells = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-        parts.append(f"<h2>{heading}</h2><table>{cells}</table>")
-    title = html.escape(report.title)
-    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: advice</title>'
-            f"<style>{STYLE}</style></head><body><h1>{title}</h1>"
-            f"<p>Accuracy {html.escape(report.accuracy)}. {DISCLAIMER}</p>{''.join(parts)}"
-            f"<p>Time step {html.escape(report.cost)}.</p></body></html>\n")
+        parts += [page.section(heading), page.table(("name", "number", "meaning"), rows, words=[2])]
+    parts.append(page.paragraph(f"Time step {report.cost}."))
+    return page.page(f"{report.title}: advice", parts, heading=report.title)
 
 
 def json_of(report: Report) -> str:

@@ -14,7 +14,7 @@ TEMPORARY = re.compile(r"\..+\.(\d+)(\.\w+)?")  # names of temporary files, with
 
 
 @contextlib.contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path`` (created if missing) and rename it to ``path`` at the end.
 
     The temporary name keeps the suffix, which many writers use to choose a format. When the block raises, ``path``

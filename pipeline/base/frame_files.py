@@ -11,6 +11,7 @@ import os
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -155,9 +156,9 @@ def _to_vtk(frame: FrameData, *, unstructured: bool):
     }
     for name, values in points.items():
         mesh.GetPointData().AddArray(_vtk_array(name, np.asarray(values), POINT_UNITS, frame.liquids))
-    for name, values in fields.items():
-        values = np.atleast_1d(values)
-        row = values.reshape(1, -1) if name in ("gravity", "fill") else values
+    for name, value in fields.items():
+        numbers = np.atleast_1d(np.asarray(value))
+        row = numbers.reshape(1, -1) if name in ("gravity", "fill") else numbers
         mesh.GetFieldData().AddArray(_vtk_array(name, row, FIELD_UNITS, frame.liquids))
     for name, text in texts.items():
         mesh.GetFieldData().AddArray(_vtk_array(name, np.frombuffer(text.encode(), np.uint8), {}, ()))
@@ -245,7 +246,7 @@ def save_checkpoint(path: str | os.PathLike, state: Mapping[str, object]) -> Non
     ------
     TypeError : a value is no array, number or string.
     """
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, value in state.items():
         arrays[name] = np.asarray(value)
         if arrays[name].dtype == object:

@@ -12,7 +12,7 @@ SECONDS_BETWEEN_LINES = 10.0
 class PlainProgress:
     """Progress as lines for a log: at most one every few seconds, and always the last."""
 
-    def __init__(self, total: int, label: str, *, unit: str = "frame", stream=None,
+    def __init__(self, total: float, label: str, *, unit: str = "frame", stream=None,
                  interval: float = SECONDS_BETWEEN_LINES):
         self.total, self.label, self.unit = total, label, unit
         self.done = 0.0
@@ -42,7 +42,7 @@ class PlainProgress:
 
 
 @contextlib.contextmanager
-def progress(total: int, label: str, *, unit: str = "frame", stream=None) -> Iterator[PlainProgress | tqdm]:
+def progress(total: float, label: str, *, unit: str = "frame", stream=None) -> Iterator[PlainProgress | tqdm]:
     """Open a progress display for ``total`` units of work on standard error.
 
     Examples

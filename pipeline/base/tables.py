@@ -1,5 +1,5 @@
 """Tables as CSV files. A column is called ``name [unit]``."""
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from pipeline.base.files import replacing
 TIME = "time [s]"
 
 
-def write_table(path: Path, table: Mapping[str, Sequence[float]]) -> None:
+def write_table(path: Path, table: Mapping[str, Iterable[float]]) -> None:
     """Write column -> numbers as CSV, with every digit that a number has.
 
     A cell is empty where there is nothing to measure: no steps before frame 0, no center of a liquid that is not there.

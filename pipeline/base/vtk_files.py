@@ -1,5 +1,6 @@
 """VTK's XML files, written by Python: VTK's own file writing crashes on a full disk."""
 from pathlib import Path
+from typing import Any
 
 import pyvista
 
@@ -31,4 +32,5 @@ def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
     writer.WriteToOutputStringOn()
     if not writer.Write():
         raise OSError(f"{path}: VTK could not encode the file")
-    Path(path).write_bytes(writer.GetOutputString())
+    content: Any = writer.GetOutputString()  # bytes, whatever its annotation says
+    Path(path).write_bytes(content)

@@ -1,9 +1,12 @@
 """Numbers as people read them."""
 
 
-
 def duration(value: float) -> str:
-    """Return a time, s, as people read it."""
+    """Return a time, s, as people read it.
+
+    >>> duration(8.25), duration(5400.0)
+    ('8.25 s', '90 min')
+    """
     for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 100.0), ("h", 3600.0, 72.0)):
         if value < limit * size:
             return f"{value / size:.3g} {unit}"
@@ -11,5 +14,9 @@ def duration(value: float) -> str:
 
 
 def memory(value: float) -> str:
-    """Return a number of bytes as people read it."""
+    """Return a number of bytes as people read it.
+
+    >>> memory(3 * 2**20)
+    '3 MiB'
+    """
     return f"{value / 2**20:.0f} MiB" if value < 2**30 else f"{value / 2**30:.3g} GiB"

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 def contains(block: "Block", points: np.ndarray) -> np.ndarray:
     """Whether points (n, D), m, lie in a block, (n,): between its corners, and within the round shape they bound."""
     lower, upper = np.asarray(block.lower), np.asarray(block.upper)
-    inside = ((points > lower) & (points < upper)).all(axis=1)
+    inside = np.logical_and.reduce((points > lower) & (points < upper), axis=1)
     scaled = (points - 0.5 * (lower + upper)) / (0.5 * (upper - lower))
     if block.shape.startswith("cylinder_"):
         scaled = np.delete(scaled, "xyz".index(block.shape[-1]), axis=1)

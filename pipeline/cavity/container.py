@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.blocks import contains
@@ -15,7 +16,7 @@ from pipeline.cavity.signed_distance_grid import SignedDistance, distance_of_fun
 if TYPE_CHECKING:
     from pipeline.scenes.model import Block, Funnel, Scene
 
-Corners = tuple[Sequence[float], Sequence[float]]
+Corners = tuple[ArrayLike, ArrayLike]
 
 
 def container_arrays(scene: "Scene") -> dict[str, np.ndarray]:
@@ -101,7 +102,7 @@ def _distance_to_funnel(points: np.ndarray, funnel: "Funnel") -> np.ndarray:
     return np.linalg.norm(place - start - share[..., None] * along, axis=-1) - 0.5 * funnel.thickness
 
 
-def block_lattice(lower: Sequence[float], upper: Sequence[float], spacing: float) -> tuple[np.ndarray, float]:
+def block_lattice(lower: ArrayLike, upper: ArrayLike, spacing: float) -> tuple[np.ndarray, float]:
     """Lattice (n, D) in m that fills a block, and the volume of each particle, m3 (m2 in 2D).
 
     The block keeps its sides exactly: along one that is no whole multiple of the spacing, the lattice is stretched or
@@ -109,13 +110,17 @@ def block_lattice(lower: Sequence[float], upper: Sequence[float], spacing: float
     """
     counts = whole_counts(lower, upper, spacing)
     axes = [low + (np.arange(count) + 0.5) * (high - low) / count
-            for low, high, count in zip(lower, upper, counts, strict=True)]
+            for low, high, count in zip(np.asarray(lower), np.asarray(upper), counts, strict=True)]
     volume = float(np.prod(np.subtract(upper, lower) / counts))
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)), volume
 
 
-def whole_counts(lower: Sequence[float], upper: Sequence[float], spacing: float) -> np.ndarray:
-    """Number of particles along each side of a block, the nearest to its length over the spacing."""
+def whole_counts(lower: ArrayLike, upper: ArrayLike, spacing: float) -> np.ndarray:
+    """Number of particles along each side of a block, the nearest to its length over the spacing.
+
+    >>> whole_counts((0.0, 0.0), (0.1, 0.042), 0.01)
+    array([10,  4])
+    """
     return np.maximum(np.rint(np.subtract(upper, lower) / spacing), 1).astype(int)
 
 

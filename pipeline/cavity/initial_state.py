@@ -1,6 +1,7 @@
 """The file ``initial.npz``: liquid and wall particles at the start, and the signed distance to the wall."""
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,16 +16,22 @@ def initial_arrays(fluid_position: np.ndarray, walls: dict[str, np.ndarray], dis
     count, dimension = fluid_position.shape
     if fluid_volume is None:
         fluid_volume = np.full(count, cavity_volume / count)
-    return {
+    arrays: dict[str, Any] = {
         "fluid_position": fluid_position, "fluid_volume": fluid_volume, **walls,
         "sdf_values": distance.values, "sdf_origin": distance.origin, "sdf_cell": np.float64(distance.cell),
         "cavity_volume": np.float64(cavity_volume), "particle_spacing": np.float64(particle_spacing),
         "dimension": np.int64(dimension),
     }
+    return arrays
 
 
 NAMES = ("fluid_position", "fluid_volume", "wall_position", "wall_volume", "wall_distance", "sdf_values", "sdf_origin",
          "sdf_cell", "cavity_volume", "particle_spacing", "dimension")
+
+
+def save_initial(path: str | Path, arrays: dict[str, Any]) -> None:
+    """Write ``initial.npz``."""
+    np.savez(path, **arrays)
 
 
 def load_initial(path: str | Path) -> dict[str, np.ndarray]:

@@ -283,7 +283,8 @@ def refuse_open(mesh: trimesh.Trimesh, name: str) -> None:
 def refuse_self_crossing(mesh: trimesh.Trimesh, name: str) -> None:
     """Raise when the volume by flux and the volume by counting inner points disagree: where sheets overlap they do."""
     cell = max(np.ptp(mesh.bounds, axis=0)) / 100.0
-    origin, counts = grid_nodes(*mesh.bounds, cell, 2.0 * cell)
+    lower, upper = mesh.bounds
+    origin, counts = grid_nodes(lower, upper, cell, 2.0 * cell)
     counted = inner_nodes(mesh, origin, counts, cell).sum() * cell**3
     if abs(counted - mesh.volume) > SELF_CROSSING * max(counted, mesh.volume):
         raise MeshRefused(f"{name} (eye.path): the surface crosses itself (its volume is {1e6 * mesh.volume:.3g} mL by "

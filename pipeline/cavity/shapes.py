@@ -2,6 +2,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipeline.cavity.container import box_arrays, distance_to_box
 from pipeline.cavity.initial_state import initial_arrays
@@ -10,7 +11,7 @@ from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.cavity.wall_layers import wall_layers as layers_on_surface
 
 
-def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: float, *, dimension: int = 2,
+def shape_arrays(kind: str, size: ArrayLike, particle_spacing: float, *, dimension: int = 2,
                  wall_layers: int = 3, periodic: Sequence[int] = ()) -> dict[str, np.ndarray]:
     """Arrays of ``initial.npz`` for a simple cavity centered on the origin.
 
@@ -37,7 +38,7 @@ def shape_arrays(kind: str, size: float | Sequence[float], particle_spacing: flo
     ValueError : unknown kind, wrong number of sides, or a side that is no whole number of spacings.
     """
     if kind in ("circle", "sphere"):
-        return _round_arrays(float(size), particle_spacing, dimension, wall_layers)
+        return _round_arrays(float(np.asarray(size)), particle_spacing, dimension, wall_layers)
     if kind == "box":
         arrays = _box_arrays(np.asarray(size, float), particle_spacing, dimension, wall_layers)
         return _without_ends(arrays, np.asarray(size, float), periodic) if len(periodic) else arrays

@@ -1,10 +1,11 @@
 """Signed distance to the wall of the cavity on a uniform grid: negative inside, exact in a band along the wall."""
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import pyvista
 import trimesh
+from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
@@ -58,11 +59,11 @@ class SignedDistance:
         return float(fraction.sum() * self.cell**self.values.ndim)
 
 
-def grid_nodes(lower: Sequence[float], upper: Sequence[float], cell: float, margin: float):
+def grid_nodes(lower: ArrayLike, upper: ArrayLike, cell: float, margin: float) -> tuple[np.ndarray, np.ndarray]:
     """Grid that covers a box with a margin: origin (D,) in m and number of nodes per axis (D,), centered on the box."""
-    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
-    counts = np.ceil((upper - lower + 2.0 * margin) / cell - 1e-9).astype(int) + 1
-    return 0.5 * (lower + upper) - 0.5 * (counts - 1) * cell, counts
+    low, high = np.asarray(lower, float), np.asarray(upper, float)
+    counts = np.ceil((high - low + 2.0 * margin) / cell - 1e-9).astype(int) + 1
+    return 0.5 * (low + high) - 0.5 * (counts - 1) * cell, counts
 
 
 def node_positions(origin: np.ndarray, counts: np.ndarray, cell: float) -> np.ndarray:
@@ -72,8 +73,7 @@ def node_positions(origin: np.ndarray, counts: np.ndarray, cell: float) -> np.nd
 
 
 def distance_of_function(
-    function: Callable[[np.ndarray], np.ndarray], lower: Sequence[float], upper: Sequence[float], cell: float,
-    margin: float,
+    function: Callable[[np.ndarray], np.ndarray], lower: ArrayLike, upper: ArrayLike, cell: float, margin: float,
 ) -> SignedDistance:
     """Grid of a known signed distance function, which maps points (..., D) in m to distances (...) in m."""
     origin, counts = grid_nodes(lower, upper, cell, margin)
@@ -90,7 +90,8 @@ def distance_of_mesh(mesh: trimesh.Trimesh, cell: float, margin: float) -> Signe
     margin : reach of the grid and of the exact band beyond the surface, m. Deeper inside than the margin the values
         come from the mask of inner nodes and are right to about one cell.
     """
-    origin, counts = grid_nodes(*mesh.bounds, cell, margin)
+    lower, upper = mesh.bounds
+    origin, counts = grid_nodes(lower, upper, cell, margin)
     inside = inner_nodes(mesh, origin, counts, cell)
     depth = np.where(inside, -distance_transform_edt(inside), distance_transform_edt(~inside))
     values = cell * (depth - 0.5 * np.sign(depth))      # the surface lies between an inner and an outer node

@@ -53,7 +53,8 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
                         f"{1e3 * np.cbrt(mesh.volume / FEWEST_PARTICLES):.3g} mm)")
     check_points_inside(scene, mesh, distance, source)
     walls = wall_layers(distance, spacing, numerics.wall_layers)
-    fluid = deepest_points(distance, *mesh.bounds, count, spacing)
+    lower, upper = mesh.bounds
+    fluid = deepest_points(distance, lower, upper, count, spacing)
     initialize(numerics.precision, numerics.threads, numerics.device)
     try:
         fluid, compression = pack(fluid, np.full(count, volume / count), walls["wall_position"], walls["wall_volume"],

@@ -1,4 +1,7 @@
-"""Wall particles on surfaces parallel to the wall of the cavity, evenly spread by repulsion along the surface."""
+"""Wall particles on surfaces parallel to the wall of the cavity, evenly spread by repulsion along the surface.
+
+Equations: docs/methods/walls.md.
+"""
 import numpy as np
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
@@ -35,7 +38,7 @@ def wall_layers(distance: SignedDistance, particle_spacing: float, layers: int) 
         shell = (distance.volume_below(depth + 0.5 * particle_spacing)
                  - distance.volume_below(depth - 0.5 * particle_spacing))
         positions.append(points)
-        volumes.append(np.full(len(points), shell / len(points)))
+        volumes.append(np.full(len(points), shell / len(points)))  # (L2)
         depths.append(np.full(len(points), depth))
     return {"wall_position": np.concatenate(positions), "wall_volume": np.concatenate(volumes),
             "wall_distance": np.concatenate(depths)}
@@ -49,7 +52,7 @@ def even_points(distance: SignedDistance, level: float, spacing: float) -> np.nd
             _, neighbors = cKDTree(points).query(points, k=min(NEIGHBORS + 1, len(points)), workers=library_threads())
         separation = points[:, None] - points[neighbors[:, 1:]]
         length = np.maximum(np.linalg.norm(separation, axis=-1), 1e-6 * spacing)
-        strength = STEP * np.clip(1.0 - length / (REACH * spacing), 0.0, None) ** 2
+        strength = STEP * np.clip(1.0 - length / (REACH * spacing), 0.0, None) ** 2  # (L3)
         push = (separation * (strength / length)[..., None]).sum(axis=1) * spacing
         size = np.linalg.norm(push, axis=1, keepdims=True)
         push *= np.minimum(1.0, 0.2 * spacing / np.maximum(size, 1e-12 * spacing))     # no point jumps over another

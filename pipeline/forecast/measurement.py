@@ -10,13 +10,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.base.digest import call_digest
 from pipeline.base.errors import UserError
 from pipeline.base.files import size_of, write_text
 from pipeline.base.usage import KINDS, at_least, run_stage
-from pipeline.cavity.initial_state import load_initial
+from pipeline.cavity.initial_state import load_initial, save_initial
 from pipeline.forecast.phases import phases_of
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Scene
@@ -193,7 +191,7 @@ def rehearse(scene: Scene, work: Path) -> dict:
 
     work.mkdir()
     write_text(work / "scene.json", scene.to_json())
-    np.savez(work / "initial.npz", **container_arrays(scene))
+    save_initial(work / "initial.npz", container_arrays(scene))
     try:
         run_stage("probe", work / "scene.json", work / "initial.npz", "--rehearse", "--seconds", REHEARSAL_SECONDS,
                   "--output", work / "rehearsal.json", quiet=False)

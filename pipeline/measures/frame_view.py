@@ -77,10 +77,9 @@ class Measured:
     @property
     def contact_angle(self) -> float | None:
         """Contact angle at the wall, measured through the liquid that is not the oil, rad; None without tension."""
-        angle = known_by_an_effect(self.scene, "contact_angle_of")
-        if angle is None:
+        through_first = known_by_an_effect(self.scene, "contact_angle_of")
+        if through_first is None:
             return None
-        through_first = np.radians(angle)
         return float(np.pi - through_first if self.oil == 0 else through_first)
 
     @property

@@ -2,7 +2,7 @@
 
 The *emulsion* of a scene is, with the effect ``contact_line_emulsification``, the oil in droplets: the volume of the
 liquid that this effect names. In other scenes, where the fractions themselves spread, it is all liquid whose volume
-fraction of oil is between 0.05 and 0.95.
+fraction of oil is between 0.05 and 0.95. Equations: docs/methods/measures.md.
 Axes as in :mod:`pipeline.measures.coverage`: origin in the center of the globe, x to the patient's left, y superior,
 z anterior.
 """
@@ -36,7 +36,7 @@ def mixing_index(state: Measured) -> dict[str, float]:
 
 
 def entropy(fraction: np.ndarray) -> np.ndarray:
-    """Entropy of mixing -sum a ln a (...) of fractions (..., liquids); what round-off has made negative counts 0."""
+    """Entropy of mixing -sum a ln a (...) of fractions (..., liquids) (Q6); what round-off made negative counts 0."""
     positive = np.where(fraction > 0.0, fraction, 1.0)
     return -(positive * np.log(positive)).sum(axis=-1)
 
@@ -100,7 +100,7 @@ def fraction_gradient(position: np.ndarray, volume: np.ndarray, fraction: np.nda
     """Gradient (n, D) of a fraction (n,) at the particles, 1/m, exact up to the wall where the fraction is linear.
 
     Differences to the neighbors, weighted by a Wendland C2 kernel and corrected by the moment matrix
-    B_i = sum_j V_j (x_j - x_i) grad W (Bonet & Lok 1999). 0 where too few neighbors are left.
+    B_i = sum_j V_j (x_j - x_i) grad W [bonet1999] (Q7). 0 where too few neighbors are left.
     """
     position, volume, fraction = (np.asarray(values, float) for values in (position, volume, fraction))
     count, dimension = position.shape

@@ -1,12 +1,11 @@
 """What the metrics stage makes of its table: plots and the summary page."""
-import html
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.files import replacing, replacing_folder
-from pipeline.base.page import STYLE
+from pipeline.base import page
+from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.tables import TIME
 from pipeline.measures.rest import rest_in_words
 
@@ -64,13 +63,13 @@ def write_summary(path: Path, table: Mapping[str, np.ndarray], metrics: Sequence
             shown = [numbers[0], numbers[-1], numbers.min(), numbers.max()] if len(numbers) else []
             cells = [f"{name} {part}".replace("_", " ").strip(), *(f"{number:.5g}" for number in shown),
                      *[""] * (4 - len(shown)), units[name], meanings[name]]
-            rows.append("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>")
-    title = html.escape(scene.title or scene.name)
-    heads = "".join(f"<th>{head}</th>" for head in ("metric", "start", "end", "smallest", "largest", "unit", "meaning"))
-    page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}: metrics</title>'
-            f"<style>{STYLE}</style></head><body><h1>{title}</h1><p>{html.escape(scene.description)}</p>"
-            f"<p>{len(table['frame'])} frames, accuracy {html.escape(scene.accuracy)}, particle spacing "
-            f"{1e3 * scene.numerics.particle_spacing:g} mm.</p><p>{html.escape(rest_in_words(table).capitalize())}</p>"
-            f"<table><tr>{heads}</tr>{''.join(rows)}</table></body></html>\n")
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+            rows.append(cells)
+    heads = ("metric", "start", "end", "smallest", "largest", "unit", "meaning")
+    text = page.page(f"{scene.title or scene.name}: metrics", [
+        page.paragraph(scene.description),
+        page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
+                       f"{1e3 * scene.numerics.particle_spacing:g} mm."),
+        page.paragraph(rest_in_words(table).capitalize()),
+        page.table(heads, rows, words=[5, 6]),
+    ], heading=scene.title or scene.name)
+    write_text(path, text)

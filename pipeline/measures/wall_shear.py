@@ -2,7 +2,7 @@
 
 Around every point of the wall the velocity along it is fitted by G d + C d^2 over the depth d, as the wall holds the
 liquid; the stress is mu G, with the viscosity of the liquid nearest to the point. The square is what an unsteady flow
-needs: at the wall it balances the acceleration.
+needs: at the wall it balances the acceleration. Equations: docs/methods/measures.md.
 """
 import numpy as np
 from scipy.spatial import cKDTree
@@ -44,4 +44,4 @@ def wall_shear_stress(wall: np.ndarray, position: np.ndarray, velocity: np.ndarr
     slope = np.full(wall.shape, np.nan)
     slope[known] = ((first * s4[:, None] - second * s3[:, None]) / np.where(known, determinant, 1.0)[:, None])[known]
     nearest = cKDTree(position).query(surface)[1]
-    return viscosity[nearest][:, None] * slope
+    return viscosity[nearest][:, None] * slope  # (Q3)

@@ -112,11 +112,11 @@ def length_in_words(length: float) -> str:
     return f"{100.0 * length:.3g} cm" if length >= 0.00995 else f"{1000.0 * length:.3g} mm"
 
 
-def shade(color: tuple[int, int, int]) -> tuple[int, int, int]:
+def shade(color: tuple[int, ...]) -> tuple[int, ...]:
     """A darker color for outlines."""
     return tuple(round(LINE_SHADE * part) for part in color)
 
 
-def tint(color: tuple[int, int, int]) -> tuple[int, int, int]:
+def tint(color: tuple[int, ...]) -> tuple[int, ...]:
     """A lighter color to lie behind particles."""
     return tuple(round(255 - FILL_TINT * (255 - part)) for part in color)

@@ -6,11 +6,13 @@ hold where an effect acts is in the file of the effect.
 """
 import contextlib
 import dataclasses
+import functools
 import inspect
 import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -90,13 +92,16 @@ def _fill(initial: Initial, start_from: str | None, container: Container | None,
 _SERVICES = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
 
 
+def _of_eye(name: str, parts: Mapping) -> object:
+    return getattr(parts["eye"], name, "no eye")
+
+
 # What a scene must have in common with the one whose last checkpoint it starts from, as error messages show it.
 _SAME_AS_START: dict[Key, Callable[[Mapping], object]] = {
     ("dimension",): lambda parts: parts["dimension"],
     ("liquids",): lambda parts: ", ".join(liquid.name for liquid in parts["liquids"]),
     ("numerics", "particle_spacing"): lambda parts: f"{1e3 * parts['numerics'].particle_spacing:.9g} mm",
-    **{("eye", field.name): lambda parts, name=field.name: getattr(parts["eye"], name, "no eye")
-       for field in dataclasses.fields(Eye)},
+    **{("eye", field.name): functools.partial(_of_eye, field.name) for field in dataclasses.fields(Eye)},
     ("container",): lambda parts: _box_in_words(parts["container"]),
 }
 
@@ -105,7 +110,7 @@ def _box_in_words(container: Container | None) -> str:
     return "no container" if container is None else f"{' x '.join(f'{side:g}' for side in container.size)} m"
 
 
-def check_start(parts: Mapping[str, object], start: Scene, fill: Mapping[str, float] | None) -> Found:
+def check_start(parts: Mapping[str, Any], start: Scene, fill: Mapping[str, float] | None) -> Found:
     """Yield the errors of a scene that cannot start from the last checkpoint of ``start``.
 
     fill : share of the cavity that each liquid holds at the end of it, where that is known.

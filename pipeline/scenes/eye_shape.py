@@ -1,8 +1,9 @@
 """Parametric surface of the vitreous cavity: an ellipsoid behind the lens.
 
-Sources: F1 magnetic resonance of 31 adult eyes (inner diameters 22.46 / 23.29 / 22.62 mm, vitreous 16.0 mm long), F3
-cavity volume of 144 operated eyes against axial length, F5 vitreous depth 0.66 of the axial length (640 eyes), and
-the posterior lens radius of 6 mm and thickness of 3.6 mm of the Gullstrand eye.
+Sources: magnetic resonance of 31 adult eyes (inner diameters 22.46 / 23.29 / 22.62 mm, vitreous 16.0 mm long)
+[pubmed19176097, abstract], cavity volume of 144 operated eyes against axial length [santana, abstract], vitreous depth
+0.66 of the axial length of 640 eyes [takkar2019, abstract], and the posterior lens radius of 6 mm and thickness of
+3.6 mm of the Gullstrand eye. Equations: docs/methods/walls.md.
 Axes: origin = center of the globe, +x the patient's left, +y superior, +z anterior; lengths in m, volumes in m3.
 """
 import dataclasses
@@ -16,13 +17,14 @@ if TYPE_CHECKING:
     import trimesh
 
 REFERENCE_LENGTH = 24.0e-3
-# Diameters of F1 times 0.968: at 24 mm the cavity then holds what F3 found in operated eyes (5.05 mL), not the 5.4 mL
-# of F1. The equator grows slower than the length (F3: myopic eyes are long); the exponent fits F3 from 20 to 30 mm.
+# Diameters of [pubmed19176097, abstract] times 0.968: at 24 mm the cavity then holds what was found in operated eyes
+# (L1), 5.05 mL, not 5.4 mL. The equator grows slower than the length (myopic eyes are long); the exponent fits (L1)
+# from 20 to 30 mm.
 HORIZONTAL_DIAMETER = 0.968 * 22.46e-3
 VERTICAL_DIAMETER = 0.968 * 23.29e-3
 EQUATOR_EXPONENT = 0.55
-ANTERIOR_LENGTH = 8.16e-3       # cornea to posterior lens pole: 0.34 of 24 mm (F5), the same in short and long eyes
-CORNEA_TO_GLOBE = 1.38e-3       # axial length less the inner length of the globe (F1: 24.0 - 22.62 mm)
+ANTERIOR_LENGTH = 8.16e-3       # cornea to posterior lens pole: 0.34 of 24 mm, the same in short and long eyes
+CORNEA_TO_GLOBE = 1.38e-3       # axial length less the inner length of the globe: 24.0 - 22.62 mm
 LENS_RADIUS = 6.0e-3            # posterior surface of the lens
 LENS_EDGE = 4.5e-3              # radius of the lens at its equator
 LENS_THICKNESS = 3.6e-3         # without a lens the liquid reaches the plane of the iris, this far before the pole
@@ -107,8 +109,8 @@ def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":
 
 
 def published_volume(axial_length: float) -> float:
-    """Cavity volume in m3 of operated eyes by axial length in m (F3, 20 to 32 mm, r = 0.968)."""
-    return 1e-6 * np.polyval([5.89053e-4, -2.511493e-2, 0.6859611, -5.088227], 1e3 * axial_length)
+    """Cavity volume in m3 of operated eyes by axial length in m (L1): 20 to 32 mm, r = 0.968."""
+    return 1e-6 * float(np.polyval([5.89053e-4, -2.511493e-2, 0.6859611, -5.088227], 1e3 * axial_length))
 
 
 def _smooth_maximum(a: np.ndarray, b: np.ndarray) -> np.ndarray:

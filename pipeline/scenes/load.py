@@ -1,4 +1,5 @@
 """From a scene file in YAML to the resolved scene, and back from the resolved file."""
+import contextlib
 import dataclasses
 import json
 import os
@@ -11,8 +12,10 @@ from pipeline.scenes.checks import check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
-from pipeline.scenes.reader import FAILED, Errors, Reader, describe, nearest
+from pipeline.scenes.reader import FAILED, Errors, NotRead, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
+from sim.effects import REGISTRY
+from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
 LEVEL_NAME = r"[A-Za-z0-9_-]+"
@@ -105,7 +108,7 @@ class _Resolver:
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
         reader = Reader(errors, liquids if known else ())
         reader.refuse_unknown(data, SCENE_KEYS, ())
-        parts = {"name": name, "accuracy": self.accuracy}
+        parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:
             parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
         level = self._read_level(data.get("levels", {}), reader)
@@ -114,6 +117,7 @@ class _Resolver:
             if field.name not in parts:
                 parts[field.name] = reader.field(field, data.get(field.name, dataclasses.MISSING), (field.name,))
         parts = {name: value for name, value in parts.items() if value is not FAILED}
+        self._refuse_unread(data, parts, errors)
         if "container" in data and "eye" not in data:
             parts["eye"] = None
         elif "container" not in data and parts.get("liquids") and parts.get("initial") == Initial():
@@ -129,6 +133,19 @@ class _Resolver:
                        for name, level in self.levels.items() if name in data}
         level = changed.get(self.accuracy)
         return level if isinstance(level, Numerics) else self.levels[self.accuracy]
+
+    def _refuse_unread(self, data: dict[str, Any], parts: dict[str, Any], errors: Errors) -> None:
+        """Collect an error for every number that the scene itself gives to a scheme that does not read it."""
+        levels = data.get("levels")
+        given = {("numerics",): data.get("numerics"),
+                 ("levels", self.accuracy): levels.get(self.accuracy) if isinstance(levels, dict) else None}
+        effects = parts.get("effects", {})
+        with contextlib.suppress(NotRead):
+            scheme = parts["numerics"].scheme
+            for key, numbers in given.items():
+                for name, place_taker in SCHEMES[scheme].unread.items() if isinstance(numbers, dict) else ():
+                    if name in numbers and not any(name in REGISTRY[effect].reads for effect in effects):
+                        errors.add((*key, name), f"is not read by the scheme {scheme}: its place takes {place_taker}")
 
     def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
         """Collect the errors of the scene that this one starts from, or of what they should have in common."""

@@ -2,6 +2,7 @@
 import dataclasses
 import json
 import math
+from typing import Any
 
 from sim.effects import REGISTRY
 from sim.parameters import parameter
@@ -123,10 +124,10 @@ class Scene:
     liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
     initial: Initial = parameter(Initial(), meaning="what fills the cavity at the start")
     blocks: tuple[Block, ...] = parameter((), meaning="blocks of liquid in a container at the start, not with initial")
-    effects: dict[str, object] = dataclasses.field(
+    effects: dict[str, Any] = dataclasses.field(
         default_factory=dict,
         metadata={"meaning": "physics beside pressure", "kinds": {n: e.Parameters for n, e in REGISTRY.items()}})
-    schemes: dict[str, object] = dataclasses.field(
+    schemes: dict[str, Any] = dataclasses.field(
         default_factory=dict,
         metadata={"meaning": "parameters of schemes; only those of numerics.scheme are used",
                   "kinds": {n: s.Parameters for n, s in SCHEMES.items()}})

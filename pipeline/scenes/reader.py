@@ -4,6 +4,7 @@ Nothing is raised on the way: every error is collected with its file and key, so
 """
 import dataclasses
 import difflib
+import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -74,7 +75,7 @@ class Reader:
         self._errors = errors
         self._liquids = tuple(liquids) or None
 
-    def record(self, cls: type, data: Any, key: Key = (), base: Any = None) -> Any:
+    def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
         """Return an instance of the dataclass ``cls``, or an ``Incomplete`` one.
 
         What ``data`` leaves out is taken from ``base``, if given.
@@ -87,7 +88,7 @@ class Reader:
                   for name, field in fields.items()}
         return Incomplete(values) if FAILED in values.values() else cls(**values)
 
-    def field(self, field: dataclasses.Field, data: Any, key: Key, base: Any = None) -> Any:
+    def field(self, field: Any, data: Any, key: Key, base: Any = None) -> Any:
         """Return the value of one field of a dataclass: from ``data``, from ``base`` or its default."""
         if data is not dataclasses.MISSING:
             return self._value(field.type, field.metadata, data, key)
@@ -186,12 +187,20 @@ class Reader:
 
 
 def dotted(key: Key) -> str:
-    """Return a key as users write it: ``effects.gravity.turns[0].to``."""
+    """Return a key as users write it.
+
+    >>> dotted(("effects", "gravity", "turns", 0, "to"))
+    'effects.gravity.turns[0].to'
+    """
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
 
 
 def nearest(word: Any, names: Iterable[str]) -> str:
-    """Return " (did you mean <name>?)" for the name that is most like ``word``, or nothing."""
+    """Return the name that is most like ``word`` as a question, or nothing.
+
+    >>> nearest("viscosty", ["gravity", "viscosity"])
+    ' (did you mean viscosity?)'
+    """
     word = str(word).lower()
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
@@ -212,7 +221,9 @@ def allowed_range(metadata: Mapping) -> str:
     """Return the range of a number in words, "" if it has none."""
     unit = f" {metadata['unit'].replace('**', '')}" if metadata["unit"] else ""
     bounds = (("above", "exclusive_minimum"), ("at least", "minimum"), ("at most", "maximum"))
-    return " and ".join(f"{words} {metadata[name]:g}{unit}" for words, name in bounds if metadata[name] is not None)
+    in_degrees = (lambda bound: f" ({math.degrees(bound):g} deg)") if metadata["unit"] == "rad" else lambda bound: ""
+    return " and ".join(f"{words} {metadata[name]:g}{unit}{in_degrees(metadata[name])}" for words, name in bounds
+                        if metadata[name] is not None)
 
 
 def _in_range(number: float, metadata: Mapping) -> bool:

@@ -64,7 +64,7 @@ def list_text(materials: Mapping[str, Material], levels: Mapping[str, Numerics])
     return "\n".join(lines) + "\n"
 
 
-def _field_lines(record: type) -> list[str]:
+def _field_lines(record: Any) -> list[str]:
     lines = []
     for field in dataclasses.fields(record):
         metadata = field.metadata
@@ -86,7 +86,7 @@ def _shown(value: Any) -> str:
     return "none" if value in (None, ()) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _record_schema(record: type, liquids: Sequence[str]) -> dict[str, Any]:
+def _record_schema(record: Any, liquids: Sequence[str]) -> dict[str, Any]:
     properties = {field.name: _or_null(_field_schema(field, liquids)) for field in dataclasses.fields(record)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 

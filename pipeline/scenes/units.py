@@ -15,18 +15,28 @@ _UNIT = re.compile(rf"{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*")
 _ANGLES = {"degree", "radian", "turn", "arcminute", "arcsecond"}
 
 
-def parse_quantity(value: float | int | str, unit: str = "") -> float:
+def parse_quantity(value: object, unit: str = "") -> float:
     """Return ``value`` as a number in ``unit``.
 
     Parameters
     ----------
     value : a number, taken as already in ``unit``, or a string such as "40 mN/m", "85 %" or "1.5 mL/s".
-    unit : target in pint's spelling; "" for a pure number, "deg" for an angle (angles are no pure numbers here).
+    unit : target in pint's spelling; "" for a pure number, "rad" or "deg" for an angle (no pure number here).
 
     Raises
     ------
     ValueError
         With a phrase that completes "<key> is ...": not a number, unknown unit, or another dimension.
+
+    Examples
+    --------
+    >>> parse_quantity("40 mN/m", "N/m")
+    0.04
+    >>> parse_quantity("85 %")
+    0.85
+    >>> parse_quantity("2 s", "m")
+    Traceback (most recent call last):
+    ValueError: "2 s", but must be in m
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"{_describe(value)}, but must be {_wanted(unit)}")
@@ -51,7 +61,7 @@ def is_kinematic_viscosity(value: object) -> bool:
     return isinstance(value, str) and bool(_NUMBER.fullmatch(value)[2])
 
 
-def _convert(number: float, text: str, unit: str, value: str) -> float:
+def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
         raise ValueError(f'"{value}" with the unknown unit "{text}", but must be {_wanted(unit)}')
@@ -68,6 +78,8 @@ def _describe(value: object) -> str:
 
 
 def _wanted(unit: str) -> str:
+    if unit.startswith("rad"):
+        return f"in {unit.replace('rad', 'deg')} or {unit}"
     return f"in {unit.replace('**', '')}" if unit else 'a pure number (or in "%")'
 
 

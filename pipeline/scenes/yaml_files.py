@@ -101,7 +101,7 @@ def _named_once(names: list, path: Path, errors: Errors) -> _Replacing:
     errors.origins["liquids",] = path
     for name in dict.fromkeys(str(name) for name in names if names.count(name) > 1):
         errors.add(("liquids",), f"names {name} more than once, but every liquid is one phase")
-    return _Replacing.fromkeys((str(name) for name in names), {})
+    return _Replacing((str(name), {}) for name in names)
 
 
 def _merge(base: Any, change: Any, key: Key, file: Path, errors: Errors) -> Any:

@@ -1,4 +1,4 @@
-"""T12: two layers of liquid driven along a channel (two-phase Poiseuille flow).
+"""Two layers of liquid driven along a channel (two-phase Poiseuille flow).
 
 A force density G along x in a channel that repeats itself, liquid 1 below and 2 above the middle, no slip at the walls
 y = -H and H: u_k = G H^2/(2 mu_k) [2 mu_k/(mu_1 + mu_2) + (mu_1 - mu_2)/(mu_1 + mu_2) y/H - (y/H)^2]. The shear stress
@@ -8,7 +8,7 @@ keep their places: what is measured is the viscous force itself on particles pac
 the noise that the pressure solve adds.
 """
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,9 +26,9 @@ PERIOD = 12  # length of the channel in particle spacings
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
 HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("channel_profile", "T12: velocity of two layers in a channel, finest resolution", "velocity / largest",
+    Figure("channel_profile", "Velocity of two layers in a channel, finest resolution", "velocity / largest",
            "y / H"),
-    Figure("channel_error", "T12: error of the velocity of two layers", "particle spacing / H", "relative L2 error",
+    Figure("channel_error", "Error of the velocity of two layers", "particle spacing / H", "relative L2 error",
            logarithmic=True),
 )
 
@@ -58,7 +58,7 @@ def run(case: Parameters) -> Outcome:
         finest = resolution == max(case.resolutions)
         layers = _layer_errors(result, case.ratio)
         errors.append(layers["both layers"])
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded(f"L2 error of the velocity, {layer}", error,
                                  case.tolerance if finest and layer == "both layers" else None, **common)
                          for layer, error in layers.items()]
@@ -85,7 +85,7 @@ def _flow(case: Parameters, resolution: int) -> Run:
     arrays = cavity("box", (PERIOD * spacing, 2.0 * HALF_WIDTH), spacing, start=case.start,
                     support_ratio=case.support_ratio, periodic=(0,))
     until = case.times * DENSITY * HALF_WIDTH**2 / THIN
-    effects = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
+    effects: dict[str, Any] = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
                "viscosity_implicit" if case.viscosity == "implicit" else "viscosity": {"form": case.form}}
     solver = build(case, arrays, effects=effects, phase=lambda x: x[:, 1] > 0.0,
                    liquids=(Liquid("viscous", DENSITY, case.ratio * THIN), Liquid("thin", DENSITY, THIN)),

@@ -1,4 +1,4 @@
-"""Figures 6 to 9 of the collision paper (Mao & Yang): what collides, and how it ends, by a number for each figure.
+"""Figures 6 to 9 of the collision paper [mao, figs. 6-9]: what collides, and how it ends, by a number for each figure.
 
 The paper shows pictures. Here each figure has a number: the speed at which the balls part (Fig. 6), the pieces into
 which the bars break (Fig. 7), the share of the ball that is past the plane of the disk (Fig. 8), and how much of the

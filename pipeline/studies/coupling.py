@@ -1,4 +1,4 @@
-"""S1 Figs. 4 and 5: two blocks of liquid, one half as dense as the other, fall into a container; three methods.
+"""Two blocks of liquid, one half as dense as the other, fall into a container; three methods [song, figs. 4, 5].
 
 The paper reads retained mechanical energy as accuracy. Energy that viscosity takes is no error, so that E(t) is also
 shown with the work of the viscous forces added: what is then missing is the dissipation of the method itself (all of
@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,8 +24,8 @@ from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
 
 FIGURES = (
-    Figure("coupling_time", "Time per frame (S1 Fig. 5)", "frame", "seconds of all cores"),
-    Figure("coupling_energy", "Mechanical energy (S1 Fig. 5)", "frame", "energy above rest / that of the "
+    Figure("coupling_time", "Time per frame (Song et al., Fig. 5)", "frame", "seconds of all cores"),
+    Figure("coupling_energy", "Mechanical energy (Song et al., Fig. 5)", "frame", "energy above rest / that of the "
            "reference frame"),
     Figure("coupling_balance", "Mechanical energy plus what viscosity has taken", "frame",
            "(energy above rest + viscous work) / start"),
@@ -100,7 +101,7 @@ def _load(folder: Path) -> Method:
     time = table["time [s]"]
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
     energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
-    isolated = sum(table[column] for column in table if column.startswith("isolated_particles"))
+    isolated = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
     return Method(scene.numerics.scheme, scene, paths, table["frame"], table["computing_time_cpu [s]"],
                   table["computing_time_wall [s]"], energy, viscous,
                   isolated / len(read_frame(paths[0]).position), warm)
@@ -148,7 +149,7 @@ def _kernel_slope(kernel: str, q: np.ndarray, support: float, dimension: int) ->
 
 
 def _rows(method: Method, reference: int) -> list[Row]:
-    at = {"at": method.name, "wall_s": float(method.wall[1:].sum())}
+    at: dict[str, Any] = {"at": method.name, "wall_s": float(method.wall[1:].sum())}
     start = method.energy[0]
     return [
         Row("computing time per frame, all cores", method.seconds, "s", **at),

@@ -1,4 +1,4 @@
-"""T15: a small drop rises slowly through another liquid.
+"""A small drop rises slowly through another liquid.
 
 Hadamard and Rybczynski's drop of radius a, in the middle of a spherical cavity of radius R instead of an infinite
 liquid (after Haberman & Sayre 1958): both flows solve the equations of Stokes, u_r = f(r) cos(theta) with
@@ -12,6 +12,7 @@ Tension keeps the drop round (Bond number 0.1) and viscosity keeps it slow (Reyn
 speed long before it has moved by a tenth of its radius.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ LIGHTER = 35.0  # kg/m^3, drho
 GRAVITY = 9.81  # m/s^2
 BOND, REYNOLDS = 0.1, 0.1  # drho g a^2 / sigma and rho U a / mu_o, U as in an infinite liquid
 FIGURES = (
-    Figure("creeping_drop", "T15: speed of a rising drop", "way / radius", "speed / exact"),
+    Figure("creeping_drop", "Speed of a rising drop", "way / radius", "speed / exact"),
 )
 
 
@@ -57,7 +58,7 @@ def run(case: Parameters) -> Outcome:
         late = way > 0.5 * way[-1]
         mean = float(speed[late].mean()) if not result.failure else np.nan
         errors.append(abs(mean / exact - 1.0))
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [
             compared("speed of the drop", mean, exact, case.tolerance if resolution == max(case.resolutions) else None,
                      "m/s", **common),

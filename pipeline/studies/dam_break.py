@@ -1,12 +1,12 @@
-"""T16: the front of a collapsing column, against the experiments of Martin & Moyce (1952).
+"""The front of a collapsing column, against the experiments of Martin & Moyce (1952).
 
 A column of width a and height 2a runs along the floor; Z = x/a over tau = t sqrt(2g/a). Computed fronts run 5 to 15 %
 ahead of the experiment (release of the gate, friction of the floor), so the front is asked for within a band from 5 %
 behind to 15 % ahead, and its speed once it is steady (tau > 5) to be that of the experiment, where Z grows by 1.7 per
 tau; a front without friction would end at 2.
 
-With `air` the rest of the box is full of a second liquid of that density over that of water (T17): the cavity is closed
-and nothing may throw the light liquid about. What is heavier than air (1:800) also brakes the front more.
+With `air` the rest of the box is full of a second liquid of that density over that of water: the cavity is closed and
+nothing may throw the light liquid about. What is heavier than air (1:800) also brakes the front more.
 
 The tip of the layer, thinner than a particle, breaks up into single particles that fly ahead as spray. The front is
 that of the water: the farthest particle that has two others within 1.5 spacings. The farthest particle of all is
@@ -16,6 +16,7 @@ How the tip breaks up is chaos: starts that differ by a millionth of a spacing e
 column collapses several times, and the front is the mean: that of 16 runs, which scatter by 6 %, is known to 1.5 %.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -48,9 +49,9 @@ NARROW = np.array([
     (0.849, 1.245), (1.212, 1.443), (1.602, 1.884), (2.283, 2.689), (2.950, 3.728), (3.598, 4.528), (3.905, 4.999),
     (4.592, 5.841), (4.961, 6.271), (5.316, 6.717)])
 FIGURES = (
-    Figure("dam_break_front", "T16: front of a collapsing column, finest resolution", "time sqrt(2g/a)",
+    Figure("dam_break_front", "Front of a collapsing column, finest resolution", "time sqrt(2g/a)",
            "front / width of the column"),
-    Figure("dam_break_energy", "T16: mechanical energy, finest resolution", "time sqrt(2g/a)",
+    Figure("dam_break_energy", "Mechanical energy, finest resolution", "time sqrt(2g/a)",
            "(kinetic + potential energy) / start"),
 )
 
@@ -74,10 +75,10 @@ def run(case: Parameters) -> Outcome:
         courses = [_course(result) for result in results if not result.failure]
         # A mean of what is left would hide that some runs have failed.
         course = np.mean(courses, axis=0) if len(courses) == case.repeats else None
-        common = {"at": results[0].label, "wall_s": sum(result.wall_s for result in results)}
+        common: dict[str, Any] = {"at": results[0].label, "wall_s": sum(result.wall_s for result in results)}
         early, speed, outside, spray = [np.nan] * 4 if course is None else _measured(*course)
         single = [front_speed(TAU, front, STEADY) for front, _ in courses]
-        row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(*WIDE.T, STEADY),
+        row = compared("speed of the front / sqrt(2 g a), tau > 5", speed, front_speed(WIDE[:, 0], WIDE[:, 1], STEADY),
                        case.tolerance if index > 0 else None, **common)
         errors.append(row.error)
         outcome.rows += [row, compared("the same beside the limit without friction", speed, FRICTIONLESS, None,
@@ -87,7 +88,7 @@ def run(case: Parameters) -> Outcome:
                          compared("speed of the farthest particle / sqrt(2 g a), tau > 5", spray, FRICTIONLESS, None,
                                   **common),
                          compared("speed of the front / sqrt(2 g a), tau 2 to 5", early,
-                                       front_speed(*WIDE.T, EARLY), None, **common),
+                                       front_speed(WIDE[:, 0], WIDE[:, 1], EARLY), None, **common),
                          bounded("largest departure from the band / experiment", outside,
                                  1e-12 if index > 0 else None, **common),
                          *min(results, key=lambda result: result.solver.time).rows()]
@@ -99,8 +100,8 @@ def run(case: Parameters) -> Outcome:
         outcome.curves += [Curve("dam_break_front", _name(case), TAU, course[0], "line"),
                            Curve("dam_break_energy", _name(case), history["time"] * PER_TIME, energy / energy[0],
                                  "line")]
-    outcome.curves += [Curve("dam_break_front", "Martin & Moyce, 2.25 in", *WIDE.T, "reference"),
-                       Curve("dam_break_front", "Martin & Moyce, 1.125 in", *NARROW.T, "reference")]
+    outcome.curves += [Curve("dam_break_front", "Martin & Moyce, 2.25 in", WIDE[:, 0], WIDE[:, 1], "reference"),
+                       Curve("dam_break_front", "Martin & Moyce, 1.125 in", NARROW[:, 0], NARROW[:, 1], "reference")]
     return outcome
 
 

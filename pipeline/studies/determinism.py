@@ -5,6 +5,7 @@ two threads is repeated with one; the second half starts from the checkpoint tha
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from sim.settings import Liquid, Settings
 EFFECTS = tuple(REGISTRY)
 LIQUIDS = (Liquid("aqueous", 1005.0, 0.01), Liquid("oil", 970.0, 1.0), Liquid("droplets", 970.0, 1.0))
 AREA = 3.14e-4  # m^2, of the round cavity
-VALUES = {
+VALUES: dict[str, dict[str, Any]] = {
     "injection": {"liquid": "oil", "drained_liquid": "aqueous", "flow": 2.0 * AREA, "fill": 0.9,
                   "cannula": (-4e-3, 0.0, 0.0), "drain": (9e-3, 0.0, 0.0)},
-    "gravity": {}, "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0}, "cohesion": {"tension": 0.02},
-    "curvature": {"gamma": 5.0}, "adhesion": {"beta": 5.0}, "viscosity": {}, "viscosity_implicit": {},
+    "gravity": {}, "interface_tension": {"coefficient": 0.04, "contact_angle": np.radians(60.0)},
+    "cohesion": {"tension": 0.02}, "curvature": {"gamma": 5.0}, "adhesion": {"beta": 5.0},
+    "viscosity": {}, "viscosity_implicit": {},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "time_lapse": 1e7},
     "drift": {"droplet_diameter": 1e-4}, "diffusion": {"coefficient": 1e-6}, "collision": {},
     "viscoelastic": {"liquids": ({"liquid": "oil", "shear_modulus": 100.0, "relaxation_time": 0.1},)},
@@ -60,7 +62,7 @@ def run(case: Parameters) -> Outcome:
     start_taichi("f32", 1)
     single = measured(case)
     start_taichi("f64", 0)
-    wall = {"wall_s": time.perf_counter() - begin}
+    wall: dict[str, Any] = {"wall_s": time.perf_counter() - begin}
     finite = all(np.isfinite(values).all() for values in end.values())
     for name, count in (("threads 1 and 2, all effects", threads), ("restart from a checkpoint, all effects", restart)):
         same = count == 0 and finite
@@ -96,7 +98,7 @@ def everything(case: Parameters):
     effects = {name: values for name, values in VALUES.items()
                if name not in refused and (closed or name not in NEEDS_FULL_CAVITY)}
     if "viscoelastic" in effects:
-        elastic = REGISTRY["viscoelastic"].Parameters
+        elastic: Any = REGISTRY["viscoelastic"].Parameters
         one = elastic.__dataclass_fields__["liquids"].type.__args__[0]
         effects = effects | {"viscoelastic": {"liquids": tuple(
             one(**values) for values in effects["viscoelastic"]["liquids"])}}

@@ -1,4 +1,4 @@
-"""T18: diffusion of volume fractions between particles at rest, from a step and from a Gaussian blob.
+"""Diffusion of volume fractions between particles at rest, from a step and from a Gaussian blob.
 
 A step becomes alpha = erfc(x/(2 sqrt(D t)))/2: the second moment of its slope, 2 times the integral of
 |x| |alpha - step|, is 2 D t. The mean square distance of a blob from its center grows by 4 D t in two dimensions. The
@@ -7,6 +7,7 @@ of a wall lack partners there, so that diffusion along a wall is slower in that 
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 from scipy.special import erfc
@@ -25,8 +26,8 @@ END = 0.08  # sqrt(2 D t) at the end, in sides of the box
 TIMES = 10  # at which the moment is taken
 HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("diffusion_profile", "T18: step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
-    Figure("diffusion_error", "T18: error of the diffusion coefficient", "particle spacing / side", "relative error",
+    Figure("diffusion_profile", "Step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
+    Figure("diffusion_error", "Error of the diffusion coefficient", "particle spacing / side", "relative error",
            logarithmic=True),
 )
 
@@ -48,7 +49,7 @@ def run(case: Parameters) -> Outcome:
         finest = resolution == max(case.resolutions)
         begin = time.perf_counter()
         times, moments, solver, drift, seconds = _spread(case, resolution)
-        at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
+        at: dict[str, Any] = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         effective = np.polyfit(times, moments, 1)[0] / (2.0 if case.shape == "step" else 4.0)
         row = compared("D_eff / D", effective / COEFFICIENT, 1.0, case.tolerance if finest else None, **at)
         errors.append(row.error)

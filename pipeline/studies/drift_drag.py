@@ -1,7 +1,7 @@
-"""T20: the slip of droplets under weight and drag, of an even mixture at rest, for any time step.
+"""The slip of droplets under weight and drag, of an even mixture at rest, for any time step.
 
-u(t) = tau (1 - rho/rho_k) g (1 - exp(-t/tau)). Where tau is far beyond the time, u grows linearly: what Eq. 12 of S1
-gives for ever. The algebraic form is the limit for t/tau -> infinity.
+u(t) = tau (1 - rho/rho_k) g (1 - exp(-t/tau)). Where tau is far beyond the time, u grows linearly: what [song,
+eq. 12] gives for ever. The algebraic form is the limit for t/tau -> infinity.
 """
 import dataclasses
 import time
@@ -22,7 +22,7 @@ FRACTION = 0.1  # of the second liquid
 DIAMETER = 1e-3  # m
 TINY = 1e-12  # factor of the transport, so that the mixture stays even
 NO_DRAG = 1e-4  # t/tau that counts as without drag
-FIGURES = (Figure("drift_drag", "T20: slip with drag, dynamic form", "t / tau", "slip / slip in equilibrium"),)
+FIGURES = (Figure("drift_drag", "Slip with drag, dynamic form", "t / tau", "slip / slip in equilibrium"),)
 
 
 @dataclasses.dataclass(frozen=True)

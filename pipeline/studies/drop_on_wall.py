@@ -1,4 +1,4 @@
-"""T6: a drop on a flat wall takes the contact angle that was asked for.
+"""A drop on a flat wall takes the contact angle that was asked for.
 
 Without gravity a drop at a wall is a part of a circle (3D: ball) that meets the wall at the contact angle. Half a
 circle is laid on the floor of a full box and comes to rest. The circle that parts the particles of the two liquids best
@@ -7,6 +7,7 @@ the drop, which follow from its volume, are compared beside it. What is compared
 run.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,9 @@ WIDTH, HEIGHT = 6.0, 2.5  # sides of the box over the radius of the half circle 
 READINGS = 60  # of the history
 LATE = 0.2  # share of the run whose mean is compared
 FIGURES = (
-    Figure("drop_on_wall_angle", "T6: contact angle on the way to rest", "time / sqrt(rho R^3 / sigma)",
+    Figure("drop_on_wall_angle", "Contact angle on the way to rest", "time / sqrt(rho R^3 / sigma)",
            "angle less that asked for, deg"),
-    Figure("drop_on_wall", "T6: contact angle of a drop on a wall", "angle asked for, deg", "angle measured, deg"),
+    Figure("drop_on_wall", "Contact angle of a drop on a wall", "angle asked for, deg", "angle measured, deg"),
 )
 
 
@@ -86,7 +87,7 @@ def _rest(case: Parameters, resolution: int) -> Run:
     solver = build(case, arrays, phase=lambda x: np.linalg.norm(x - foot, axis=1) > case.radius,
                    liquids=(Liquid("drop", DENSITY, case.viscosity), Liquid("around", DENSITY, case.viscosity)),
                    effects={"viscosity_implicit": {}, "interface_tension": {
-                       "coefficient": case.tension, "contact_angle": case.contact_angle}},
+                       "coefficient": case.tension, "contact_angle": np.radians(case.contact_angle)}},
                    maximum_time_step=0.02 * _time(case))
     return advance(solver, case.rest_times * _time(case), f"R/dx={resolution}", _watch(case, floor))
 
@@ -138,7 +139,7 @@ def _late(result: Run, name: str) -> np.ndarray:
 
 
 def _rows(case: Parameters, result: Run) -> list[Row]:
-    common = {"at": result.label, "wall_s": result.wall_s}
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     angle, late = case.contact_angle, _late(result, "angle")
     _, height, base = shape(np.radians(angle), _late(result, "volume").mean(), case.dimension)
     drift = late[len(late) // 2:].mean() - late[: max(1, len(late) // 2)].mean()

@@ -11,6 +11,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -112,7 +113,8 @@ def judgment(scene: Scene, cavity_volume: float, effect: str) -> tuple[bool, str
 
 def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], str, str]:
     """Rows, a remark and a caption: what an effect costs and changes."""
-    own, at = base.costs[effect], {"at": off.scene.name}
+    own = base.costs[effect]
+    at: dict[str, Any] = {"at": off.scene.name}
     saved = 1.0 - off.seconds / base.seconds
     moved = elsewhere(base.frame, off.frame, base.frame.liquids.index(liquid))
     matters, sentence = judgment(base.scene, base.cavity_volume, effect)
@@ -138,7 +140,7 @@ def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], 
 
 
 def _rows_of_base(base: Run) -> list[Row]:
-    at = {"at": base.scene.name}
+    at: dict[str, Any] = {"at": base.scene.name}
     return [Row("computing time of all cores", base.seconds, "s", **at),
             Row("time steps", float(base.frame.step), **at),
             *(Row(f"share of the computing time: {part}", float(row["cpu_share"]), **at)

@@ -1,11 +1,12 @@
-"""T1 and T17: two layers at rest under gravity, the light one on top.
+"""Two layers at rest under gravity, the light one on top.
 
 The pressure is the weight of what lies above: p = rho_2 g (H - y) in the light layer, and a kink at the interface.
 A closed cavity knows it up to a constant, which is taken from its mean; under a free surface it is known. With the
-ratio the pressure solve becomes harder (T17): the iterations per step may not exceed three times those of the ratio
+ratio the pressure solve becomes harder: the iterations per step may not exceed three times those of the ratio
 1:1 by much, which the rows of the same resolution show.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +22,9 @@ HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3
 HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("hydrostatics_error", "T1: pressure of two layers at rest", "particle spacing / height",
+    Figure("hydrostatics_error", "Pressure of two layers at rest", "particle spacing / height",
            "root mean square of the pressure error / (rho g H)", logarithmic=True),
-    Figure("hydrostatics_profile", "T1: pressure at the finest resolution", "pressure / (rho g H)", "height / H"),
+    Figure("hydrostatics_profile", "Pressure at the finest resolution", "pressure / (rho g H)", "height / H"),
 )
 
 
@@ -49,7 +50,7 @@ def run(case: Parameters) -> Outcome:
         error, speed = _pressure_error(case, result), result.values("speed")[-1] / np.sqrt(GRAVITY * HEIGHT)
         errors.append(error)
         asked = index > 0  # the coarse run is there for the order only
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded("pressure error / (rho g H)", error, case.pressure_tolerance if asked else None,
                                  **common),
                          bounded("rms speed at the end / sqrt(g H)", speed, case.speed_tolerance if asked else None,
@@ -65,7 +66,8 @@ def run(case: Parameters) -> Outcome:
 
 def _settle(case: Parameters, resolution: int, label: str) -> Run:
     spacing = HEIGHT / resolution
-    size = {"box": (0.5 * HEIGHT, HEIGHT), "circle": 0.5 * HEIGHT, "open_box": (0.5 * HEIGHT, 1.5 * HEIGHT)}
+    size: dict[str, Any] = {
+        "box": (0.5 * HEIGHT, HEIGHT), "circle": 0.5 * HEIGHT, "open_box": (0.5 * HEIGHT, 1.5 * HEIGHT)}
     arrays = cavity(case.cavity.removeprefix("open_"), size[case.cavity], spacing, support_ratio=case.support_ratio)
     liquids = (Liquid("heavy", HEAVY, 1e-3), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
     level = _interface(case)

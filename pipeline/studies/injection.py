@@ -7,6 +7,7 @@ it. Resolutions count particles along the 22 mm of the cavity: 11, 22, 31, 44 an
 0.4 mm.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -93,7 +94,7 @@ def _watch(duration: float, entering: int):
 def _rows(injection, result: Run) -> list[Row]:
     """What is asked, and what is told."""
     entered, time, cavity = (result.values(name) for name in ("entering", "time", "cavity"))
-    common = {"at": result.label, "wall_s": result.wall_s}
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     if result.failure:
         return [bounded("fill, largest difference from what is asked for", np.nan, 1e-3, **common)]
     flowed = np.array([injection.flowed(t) for t in time])

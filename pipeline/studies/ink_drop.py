@@ -1,4 +1,4 @@
-"""S1 Fig. 6: a drop of ink falls into water, with three diffusion coefficients.
+"""A drop of ink falls into water, with three diffusion coefficients [song, fig. 6].
 
 The paper shows pictures. Here how far the liquids are mixed has numbers: the variance of the volume fraction alpha of
 ink over the volume of all liquid, over that of unmixed liquids m (1 - m), with m the mean of alpha (1: unmixed, 0: the
@@ -9,6 +9,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,8 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     mixtures = [_load(folders[name], parameters.ink) for name in parameters.scenes]
     outcome = Outcome(pictures={PICTURES[0]: _rows_of_pictures(mixtures, parameters.pictures)})
     for mixture in mixtures:
-        at, label = {"at": mixture.scene.name}, f"D_m = {mixture.coefficient:g} m²/s"
+        at: dict[str, Any] = {"at": mixture.scene.name}
+        label = f"D_m = {mixture.coefficient:g} m²/s"
         outcome.rows += [
             Row("variance of the volume fraction at the end / unmixed", mixture.variance[-1], **at),
             Row("entropy of mixing at the end / evenly mixed", mixture.entropy[-1], **at),

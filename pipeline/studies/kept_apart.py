@@ -6,6 +6,7 @@ liquid, and the share of unlike pairs among the pairs of neighbors (the length o
 nothing but the hull test takes a single particle out of the other liquid.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -46,7 +47,7 @@ def run(case: Parameters) -> Outcome:
         result = advance(solver, case.duration, f"n={resolution}", counts)
         outcome.rows += result.rows()
         outcome.remarks += result.remarks(f"apart {case.collision}")
-        at = {"at": result.label, "wall_s": result.wall_s}
+        at: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         isolated, unlike = result.values("isolated"), result.values("unlike")
         outcome.rows += [Row("isolated particles / particles, at the start", float(isolated[0]), **at),
                          Row("isolated particles / particles, mean", float(np.mean(isolated)), **at),

@@ -1,4 +1,4 @@
-"""T3, T4 and T5: a drop at rest: the pressure jump of Laplace, and currents that must die away.
+"""A drop at rest: the pressure jump of Laplace, and currents that must die away.
 
 A drop of radius R in the middle of a round cavity of twice the radius, without gravity. The pressure inside is higher
 by sigma (d - 1) / R; it is read as the mean within 0.6 R less that beyond 1.4 R. Most of that jump is the potential of
@@ -7,10 +7,11 @@ measured, and the currents whether forces balance. Labels are rough by a fractio
 spacing at the start, which sets the liquid in motion: the currents are read at the end as mu U / sigma with the largest
 speed, and must have decayed, where forms without balance keep them up for ever.
 
-A drop that starts as a square (3D: a cube) of the same volume must become round (T5): the radii of the points of the
+A drop that starts as a square (3D: a cube) of the same volume must become round: the radii of the points of the
 interface may scatter by a fiftieth, which in 2D is a circularity well above 0.98.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +31,8 @@ CURRENT_TOLERANCE = 5e-4
 ROUND = 0.02  # allowed scatter of the radii of a drop that was square
 HEADLINE, PER_WIDTH = "pressure jump", 0.25  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("laplace_jump", "T3: pressure jump of a drop", "sigma (d - 1) / R, Pa", "pressure jump, Pa"),
-    Figure("laplace_currents", "T4: currents around a drop at rest", "time / sqrt(rho R^3 / sigma)",
+    Figure("laplace_jump", "Pressure jump of a drop", "sigma (d - 1) / R, Pa", "pressure jump, Pa"),
+    Figure("laplace_currents", "Currents around a drop at rest", "time / sqrt(rho R^3 / sigma)",
            "log10 of viscosity x largest speed / tension"),
 )
 
@@ -116,7 +117,7 @@ def pressure_jump(case: Parameters, solver) -> tuple[float, float]:
 
 
 def _rows(case: Parameters, result: Run) -> list[Row]:
-    common = {"at": result.label, "wall_s": result.wall_s}
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     jump, radius = pressure_jump(case, result.solver) if not result.failure else (np.nan, case.radius)
     current = case.viscosity * result.values("speed") / case.tension
     late = current[-max(1, len(current) // 20):].mean()

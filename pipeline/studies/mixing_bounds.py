@@ -6,6 +6,7 @@ volumes, mass and momentum may change by round-off only, for any D dt/h^2.
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def run(case: Parameters) -> Outcome:
     for resolution in case.resolutions:
         begin = time.perf_counter()
         found = _mix(case, resolution)
-        at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
+        at: dict[str, Any] = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         worst = found["change"]
         outcome.rows += [bounded(f"change of {name} / {of}", worst[name], case.tolerance, **at) for name, of in (
             ("volumes", "volume"), ("mass", "mass"), ("momentum", "sum of m |v|"))]
@@ -73,7 +74,7 @@ def _mix(case: Parameters, resolution: int) -> dict:
     spacing = LENGTH / resolution
     support = case.support_ratio * spacing
     arrays = cavity("box", (LENGTH, LENGTH), spacing, start=case.start, support_ratio=case.support_ratio)
-    effects = {"gravity": {}}
+    effects: dict[str, Any] = {"gravity": {}}
     if case.drifts:  # the fastest slip is that of the light liquid in water
         effects["drift"] = {"droplet_diameter": 1e-3, "hindrance": 2.65}
     step = SLIP * spacing / 0.4
@@ -96,7 +97,7 @@ def _mix(case: Parameters, resolution: int) -> dict:
 
     (before, momentum, energy), spread = sums(), field(solver, "volume_fraction").var(axis=0).sum()
     scale = np.array([*3 * [volume.sum()], before[3], momentum, momentum])
-    result = {"beyond": 0.0, "sum": 0.0, "energy": 0.0, "step": [], "curve": []}
+    result: dict[str, Any] = {"beyond": 0.0, "sum": 0.0, "energy": 0.0, "step": [], "curve": []}
     every, worst, sub_steps = max(1, case.steps // RECORDS), np.zeros(6), 0
     for number in range(1, case.steps + 1):
         for effect in mixing:

@@ -1,4 +1,4 @@
-"""T7, the headline: oil in a sphere of water at rest, where tension, weight and contact angle set the shape.
+"""Oil in a sphere of water at rest, where tension, weight and contact angle set the shape.
 
 From a flat interface the run goes to rest; the arc of the wall that the oil touches, the height of the interface on
 the axis and the covered share of the wall are compared with the equations of Young and Laplace
@@ -13,8 +13,10 @@ the wall is that of the metrics (`pipeline.measures.coverage`). Every operator i
 labelled by the exact shape, which shows what it reads wrong.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from pipeline.measures.coverage import WallContact
 from pipeline.study_kit.interface_fit import part
@@ -34,15 +36,15 @@ LATE = 0.2  # share of the run whose mean is compared
 NEAR_WALL = 0.5  # contour closer to the wall than this, in particle spacings, is not fitted
 FIT_POINTS, FIT_STEPS = 250, 60
 FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
-FIT_ITERATIONS, FIT_DIFFERENCE = 40, 1e-4
+FIT_DIFFERENCE = 1e-4  # of the unknown, over its size
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
 HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("oil_in_sphere_arc", "T7: arc of contact on the way to rest", "time steps", "arc less reference, deg"),
-    Figure("oil_in_sphere_apex", "T7: height of the interface on the axis", "time steps", "(apex less reference) / dx"),
-    Figure("oil_in_sphere_coverage", "T7: wall that the oil covers", "time steps",
+    Figure("oil_in_sphere_arc", "Arc of contact on the way to rest", "time steps", "arc less reference, deg"),
+    Figure("oil_in_sphere_apex", "Height of the interface on the axis", "time steps", "(apex less reference) / dx"),
+    Figure("oil_in_sphere_coverage", "Wall that the oil covers", "time steps",
            "covered share less that of ideal labels"),
-    Figure("oil_in_sphere_profile", "T7: interface at the end, points fitted", "r / R", "z / R"),
+    Figure("oil_in_sphere_profile", "Interface at the end, points fitted", "r / R", "z / R"),
 )
 
 
@@ -141,7 +143,7 @@ def _build(case: Parameters, arrays, phase):
     liquids = (Liquid("water", WATER, case.water_viscosity),
                Liquid("oil", WATER + case.density_difference, case.oil_viscosity))
     effects = {"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
-               "interface_tension": {"coefficient": case.tension, "contact_angle": case.contact_angle}}
+               "interface_tension": {"coefficient": case.tension, "contact_angle": np.radians(case.contact_angle)}}
     return build(case, arrays, liquids=liquids, effects=effects, phase=phase,
                  maximum_time_step=case.largest_step * np.sqrt(float(arrays["particle_spacing"]) / GRAVITY))
 
@@ -178,7 +180,8 @@ def read(case: Parameters, solver, arrays) -> Reading:
     speed = float(np.sqrt((velocity**2).sum(axis=1).mean()))
     r, z = contour(case, solver)
     if len(r) < 5:
-        return Reading(*[np.nan] * 8, contact.covered_share(), speed)
+        nothing = [np.nan] * 8 + [contact.covered_share(), speed]
+        return Reading(*nothing)
     curves = Curves(_capillary_constant(case), case.radius, case.dimension, solver.spacing)
     unknown, misfit = fit(curves, r, z)
     from_axis = np.linalg.norm(np.delete(position, 1, axis=1), axis=1)
@@ -254,26 +257,14 @@ def fit(curves: Curves, r, z) -> tuple[np.ndarray, float]:
     return min((_refined(curves, r, z, np.array([FIT_STARTS[k], low])) for k in promising), key=lambda one: one[1])
 
 
-def _weight(distance: np.ndarray) -> np.ndarray:
-    """Cauchy's weights of points at a distance from the curve, in spacings."""
-    return 1.0 / (1.0 + (distance / ROBUST) ** 2)
-
-
 def _refined(curves: Curves, r, z, unknown: np.ndarray) -> tuple[np.ndarray, float]:
-    """Improve curvature and height by weighted least squares (Gauss and Newton); return also how far points are."""
-    for _ in range(FIT_ITERATIONS):
-        step = FIT_DIFFERENCE * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        here, bent, lifted = curves.distances(r, z, *(unknown + step).T)
-        slope = np.stack([bent - here, lifted - here], axis=1) / FIT_DIFFERENCE
-        weighted = slope * _weight(here)[:, None]
-        matrix = weighted.T @ slope
-        change = -np.linalg.solve(matrix + 1e-9 * np.trace(matrix) * np.eye(2), weighted.T @ here)
-        change *= min(1.0, 0.5 / np.abs(change).max())
-        unknown = unknown + change
-        if np.abs(change).max() < 1e-5:
-            break
-    (here,) = curves.distances(r, z, unknown[:1], unknown[1:])
-    return unknown, float(np.sqrt(np.average(here**2, weights=_weight(here))))
+    """Improve curvature and height by least squares with Cauchy's weights; return also how far points are."""
+    def distances(unknown):
+        return curves.distances(r, z, unknown[:1], unknown[1:])[0]
+
+    best = least_squares(distances, unknown, diff_step=FIT_DIFFERENCE, loss="cauchy", f_scale=ROBUST).x
+    here = distances(best)
+    return best, float(np.sqrt(np.average(here**2, weights=1.0 / (1.0 + (here / ROBUST) ** 2))))
 
 
 def _late(result: Run, name: str) -> np.ndarray:
@@ -284,7 +275,8 @@ def _late(result: Run, name: str) -> np.ndarray:
 
 
 def _rows(case: Parameters, exact: Profile, ideal: Reading, result: Run) -> list[Row]:
-    spacing, common = result.solver.spacing, {"at": result.label, "wall_s": result.wall_s}
+    spacing = result.solver.spacing
+    common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     mean = {name: float(_late(result, name).mean()) for name in result.history}
     half = _late(result, "arc")
     drift = abs(float(half[len(half) // 2:].mean() - half[: max(1, len(half) // 2)].mean()))

@@ -1,4 +1,4 @@
-"""S1 Fig. 7: shape of the injected oil without interface forces, with those of the paper, and with a tension in N/m.
+"""Shape of the injected oil without interface forces, with those of [song, fig. 7], and with a tension in N/m.
 
 The paper shows two pictures. Here the difference has numbers, from the reconstructed surface of the oil: its sphericity
 pi^(1/3) (6 V)^(2/3) / A (1 for a ball, less for oil that the eye flattens or that is torn), the area of its interface
@@ -7,6 +7,7 @@ with the aqueous (the part of A that is farther than half a particle spacing fro
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     outcome = Outcome(pictures={PICTURES[0]: _side_by_side(oils, parameters.pictures)})
     section = np.pi / 4.0 * _diameter(folders[parameters.scenes[0]]) ** 2
     for oil in oils:
-        at = {"at": oil.scene.name}
+        at: dict[str, Any] = {"at": oil.scene.name}
         outcome.rows += [
             Row("sphericity of the oil at the end", oil.sphericity[-1], **at),
             Row("interface at the end / cross-section of the eye", oil.interface[-1] / section, **at),

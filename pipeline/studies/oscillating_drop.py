@@ -1,7 +1,7 @@
-"""T8: a drop that is a little longer than wide oscillates (Lamb 1932, in two dimensions and between walls).
+"""A drop that is a little longer than wide oscillates (Lamb 1932, in two dimensions and between walls).
 
 A drop of radius R and density rho in the middle of a round cavity of radius b, without gravity, in a liquid of density
-rho_o and the same kinematic viscosity nu; other densities than equal ones make it T17. Without viscosity its shape
+rho_o and the same kinematic viscosity nu. Without viscosity its shape
 R (1 + e cos 2 theta) swings with omega_0^2 = 6 sigma / ((rho + k rho_o) R^3), k = (1 + s)/(1 - s), s = (R/b)^4: the
 liquid between drop and wall adds more mass than that around a lone drop (s = 0). The potential flows inside and outside
 slip along each other by U (1 + k), U the speed of the interface. The layers in which viscosity prevents that share the
@@ -27,7 +27,7 @@ RADIUS, TENSION, DENSITY = 0.01, 0.04, 1000.0  # m, N/m, kg/m^3
 CAVITY = 2.5  # b / R
 AMPLITUDE = 0.05  # e
 FIGURES = (
-    Figure("oscillating_drop", "T8: an oscillating drop, finest resolution", "time / period",
+    Figure("oscillating_drop", "An oscillating drop, finest resolution", "time / period",
            "elongation / that of the start"),
 )
 

@@ -1,4 +1,4 @@
-"""T9: a bubble rises through a liquid ten times as dense and as viscous (Hysing et al. 2009, first test case).
+"""A bubble rises through a liquid ten times as dense and as viscous (Hysing et al. 2009, first test case).
 
 Box of 1 m by 2 m, bubble of radius 0.25 m at (0.5 m, 0.5 m), gravity 0.98 m/s^2, tension 24.5 N/m, densities 1000 and
 100 kg/m^3, viscosities 10 and 1 Pa s: Re 35, Eo 10. Measured as in the benchmark: height of the bubble's center of
@@ -30,9 +30,9 @@ PRESSURE_TOLERANCE = 1e-5  # with 1e-4, in the small steps of a fine bubble, it 
 HEIGHT_AT_END, SPEED, CIRCULARITY = 1.0810, 0.2419, 0.9012  # TP2D, FreeLIFE, MooNMD
 HEADLINE, PER_WIDTH = "largest speed", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("bubble_height", "T9: height of a rising bubble", "time / s", "center of mass / m"),
-    Figure("bubble_speed", "T9: speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),
-    Figure("bubble_circularity", "T9: circularity of a rising bubble", "time / s",
+    Figure("bubble_height", "Height of a rising bubble", "time / s", "center of mass / m"),
+    Figure("bubble_speed", "Speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),
+    Figure("bubble_circularity", "Circularity of a rising bubble", "time / s",
            "perimeter of the circle of this area / perimeter"),
 )
 

@@ -1,4 +1,4 @@
-"""T19: a light liquid, spread evenly in a column, drifts to the top (Kynch 1952); particles are at rest.
+"""A light liquid, spread evenly in a column, drifts to the top (Kynch 1952); particles are at rest.
 
 With equal viscosities the slip v_s = d^2 (rho_1 - rho_2) g/(18 mu) 6/5 does not depend on the fractions, and the volume
 flux of the light liquid is alpha (1 - alpha) v_s. From alpha_0 everywhere, clear heavy liquid grows at the bottom with
@@ -6,6 +6,7 @@ flux of the light liquid is alpha (1 - alpha) v_s. From alpha_0 everywhere, clea
 """
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +26,9 @@ SLIP = 0.01  # m/s, v_s
 FEWEST_ACROSS = 8  # particles across the column, which repeats itself
 TIMES = (0.2, 0.4, 0.6, 0.8)  # of the measurement, in H/v_s
 FIGURES = (
-    Figure("sedimentation_profile", "T19: light liquid in a column, finest resolution", "height / H",
+    Figure("sedimentation_profile", "Light liquid in a column, finest resolution", "height / H",
            "volume fraction of the light liquid"),
-    Figure("sedimentation_error", "T19: largest error of the fronts", "particle spacing / H",
+    Figure("sedimentation_error", "Largest error of the fronts", "particle spacing / H",
            "error / way of the front", logarithmic=True),
 )
 
@@ -51,7 +52,7 @@ def run(case: Parameters) -> Outcome:
         begin = time.perf_counter()
         profiles, extremes, change = _settle(case, resolution)
         tolerance = case.tolerance if resolution == max(case.resolutions) else None
-        at = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
+        at: dict[str, Any] = {"at": f"n={resolution}", "wall_s": time.perf_counter() - begin}
         worst = 0.0
         for scaled, (height, fraction) in zip(TIMES, profiles, strict=True):
             fronts = _fronts(height, fraction, case.fraction)

@@ -5,6 +5,7 @@ viscosity nu = c M/(2 dt) (``sim.effects.xsph``), and the liquid's own viscosity
 one in which c stands for the asked Re = U L/nu. What the wave loses without any viscosity is the scheme's own.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -41,14 +42,15 @@ def run(case: Parameters) -> Outcome:
                         periodic=(0, 1))
         numerics = Numerics(particle_spacing=PERIOD / resolution, kernel=case.kernel, support_ratio=case.support_ratio)
         step = kinematic_viscosity(case.coefficient, 1.0, numerics, 2) / nu
-        effects = {"coefficient": {"xsph": {"coefficient": case.coefficient}}, "own": {"xsph": {}}, "none": {}}
+        effects: dict[str, Any] = {
+            "coefficient": {"xsph": {"coefficient": case.coefficient}}, "own": {"xsph": {}}, "none": {}}
         solver = build(case, arrays, liquids=(Liquid("liquid", DENSITY, DENSITY * nu),),
                        effects=effects[case.viscosity], velocity=wave, time_step=step, maximum_time_step=step,
                        minimum_time_step=1e-6 * step)
         result = advance(solver, case.decay / (nu * WAVE_NUMBER**2), f"n={resolution}", amplitude)
         outcome.rows += result.rows()
         outcome.remarks += result.remarks(f"shear wave {name}")
-        at = {"at": result.label, "wall_s": result.wall_s}
+        at: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         if result.failure:
             outcome.rows.append(Row("viscosity of the wave's decay / asked", np.nan, error=np.nan,
                                     tolerance=TOLERANCE, **at))

@@ -1,4 +1,4 @@
-"""T14: spin-down of a liquid that turns like a solid body, in a circle whose wall stops at once.
+"""Spin-down of a liquid that turns like a solid body, in a circle whose wall stops at once.
 
 The velocity along the angle decays as a sum of J_1(j_k r/R) exp(-j_k^2 nu t/R^2), j_k the zeros of the Bessel function
 J_1; after a while as the first of them, exp(-14.68 nu t/R^2). It is the friction at the wall that is measured, as in
@@ -7,6 +7,7 @@ the eye after a saccade.
 import dataclasses
 
 import numpy as np
+from scipy.special import jn_zeros
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
@@ -17,12 +18,12 @@ EFFECTS = ("viscosity", "viscosity_implicit")
 RADIUS = 1.0  # m, R
 DENSITY = 1000.0  # kg/m^3
 RATE = 1.0  # 1/s, angular velocity of the start
-ZEROS = np.array([3.8317059702, 7.0155866698, 10.1734681351, 13.3236919363, 16.4706300509, 19.6158585105])  # of J_1
+ZEROS = jn_zeros(1, 6)  # of J_1, the first ones
 SETTLING = 0.5  # e-foldings of the first mode in which the higher ones fall to a few percent
 FIGURES = (
-    Figure("spin_down_decay", "T14: spin of a liquid in a circle that stopped, finest resolution", "14.68 nu t / R²",
+    Figure("spin_down_decay", "Spin of a liquid in a circle that stopped, finest resolution", "14.68 nu t / R²",
            "ln(angular momentum / start)"),
-    Figure("spin_down_error", "T14: error of the decay rate", "particle spacing / radius", "relative error",
+    Figure("spin_down_error", "Error of the decay rate", "particle spacing / radius", "relative error",
            logarithmic=True),
 )
 

@@ -5,6 +5,7 @@ the sentence that the user reads; or failed. What a scheme cannot do stands in t
 """
 import dataclasses
 import itertools
+import math
 import tempfile
 import time
 from collections.abc import Iterator
@@ -115,7 +116,7 @@ def tensions(scheme: str) -> Iterator[Verdict]:
     for coefficient, angle, cases in ((0.4, 0.0, hard.TENSION), (0.4, 180.0, hard.TENSION[:1]),
                                       (0.0, 18.2, hard.TENSION[:1])):
         tank = hard.closed_tank(scheme, effects={
-            "interface_tension": {"coefficient": coefficient, "contact_angle": angle}})
+            "interface_tension": {"coefficient": coefficient, "contact_angle": math.radians(angle)}})
         head = f"tension x {coefficient / 0.04:g}, theta {angle:g}"
         yield from judged(head, tank, [dataclasses.replace(case, duration=duration) for case in cases])
 

@@ -44,9 +44,10 @@ def run(case: Parameters, scene: Scene) -> Outcome:
         outcome.remarks += result.remarks("eye at rest")
         if not result.failure:
             rise = 1e3 * (result.history["height"] - result.history["height"][0])
-            curves[result.label] = np.array([result.history["time"], rise])
+            times = result.history["time"]
+            curves[result.label] = np.array([times, rise])
             outcome.rows.append(Row("rise of the aqueous at the end", rise[-1], "mm", at=result.label))
-            outcome.curves.append(Curve("step_size", result.label.strip("[]"), *curves[result.label], "line"))
+            outcome.curves.append(Curve("step_size", result.label.strip("[]"), times, rise, "line"))
     outcome.rows += differences(curves)
     return outcome
 

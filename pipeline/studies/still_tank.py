@@ -1,13 +1,14 @@
-"""T2 and T22: a tank that starts at rest stays at rest, for a long time and without any viscosity too.
+"""A tank that starts at rest stays at rest, for a long time and without any viscosity too.
 
 Noise of the particles may neither heat the liquid nor carry its center of mass away. Under a free surface the column
-also has to keep its volume (T22; position-based fluids as published settle to 80 %): its height is twice the mean
+also has to keep its volume (position-based fluids as published settle to 80 %): its height is twice the mean
 height of its particles.
 
 Two layers with any tension are in balance to round-off, because `interface_tension` leaves nothing to the pressure that
 depends on the places of the particles. Without, the kink of the pressure at the interface does.
 """
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ GRAVITY = 9.81
 HEIGHT = 0.02  # m
 HEAVY = 1000.0  # kg/m^3
 FIGURES = (
-    Figure("still_tank_speed", "T2: motion of a still tank", "time / sqrt(H/g)", "log10 of rms speed / sqrt(g H)"),
+    Figure("still_tank_speed", "Motion of a still tank", "time / sqrt(H/g)", "log10 of rms speed / sqrt(g H)"),
 )
 
 
@@ -52,7 +53,7 @@ def run(case: Parameters) -> Outcome:
         energy = result.values("kinetic_energy")[late].max() / (mass * GRAVITY * HEIGHT)
         drift = np.abs(result.values("height") - result.values("height")[0]).max() * resolution / HEIGHT
         speeds.append(speed)
-        common = {"at": result.label, "wall_s": result.wall_s}
+        common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
         outcome.rows += [bounded("rms speed / sqrt(g H), second half", speed, case.speed_tolerance, **common),
                          bounded("kinetic energy / (m g H), second half", energy, 1e-5, **common),
                          bounded("drift of the center of mass / spacing", drift, 0.1, **common), *result.rows()]

@@ -1,4 +1,4 @@
-"""T13: decay of Taylor-Green vortices.
+"""Decay of Taylor-Green vortices.
 
 u = U sin kx cos ky, v = -U cos kx sin ky in a square that repeats itself after L = 2 pi/k along both axes. The
 energy decays as exp(-4 nu k^2 t). Re = U L/nu. Two liquids that do not differ, mixed at random, have to flow as one.
@@ -21,9 +21,9 @@ SPEED = 1.0  # m/s, U
 DENSITY = 1000.0  # kg/m^3
 HEADLINE, PER_WIDTH = "decay rate of the energy", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
-    Figure("taylor_green_decay", "T13: energy of a Taylor-Green vortex, finest resolution", "4 nu k² t",
+    Figure("taylor_green_decay", "Energy of a Taylor-Green vortex, finest resolution", "4 nu k² t",
            "ln(kinetic energy / start)"),
-    Figure("taylor_green_error", "T13: error of the decay rate", "particle spacing / period", "relative error",
+    Figure("taylor_green_error", "Error of the decay rate", "particle spacing / period", "relative error",
            logarithmic=True),
 )
 

@@ -1,4 +1,4 @@
-"""T14: a sphere (or circle) full of one liquid, whose wall turns: forth and back for ever, or once in a saccade.
+"""A sphere (or circle) full of one liquid, whose wall turns: forth and back for ever, or once in a saccade.
 
 The liquid moves along circles, with the same law on each in both dimensions. Seen from outside, an oscillation at the
 rate w0 cos(W t) drives u = Re[w0 R j(a r/R)/j(a) exp(i W t)] sin(theta), a = exp(-i pi/4) R sqrt(W/nu), with the
@@ -22,14 +22,14 @@ from sim.settings import Liquid
 EFFECTS = ("eye_rotation", "viscosity_implicit")
 RADIUS = 11e-3  # m, R, that of an eye
 DENSITY = 970.0  # kg/m^3
-AMPLITUDE = 10.0  # deg
+AMPLITUDE = np.radians(10.0)
 MODES = 60  # of a saccade: at Womersley 10 the last one decays within a thousandth of it
 AXIS = (0.0, 0.0, 1.0)
 SUBSTEPS = 2000  # of the exact modes of a saccade
 FIGURES = (
-    Figure("turned_sphere_wall", "T14: root mean square stress at the wall of a turned sphere", "time / period",
+    Figure("turned_sphere_wall", "Root mean square stress at the wall of a turned sphere", "time / period",
            "stress (Pa)"),
-    Figure("turned_sphere_error", "T14: error of the velocity in a turned sphere", "particle spacing / radius",
+    Figure("turned_sphere_error", "Error of the velocity in a turned sphere", "particle spacing / radius",
            "relative error", logarithmic=True),
 )
 

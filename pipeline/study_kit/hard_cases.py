@@ -6,6 +6,7 @@ back to its start in between: compiling its kernels takes longer than most of th
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -80,9 +81,8 @@ class Tank:
 
     def set_numerics(self, **values: float) -> None:
         """Change numbers of the time step; without any, take the first ones again."""
-        numerics = dataclasses.replace(self._settings.numerics, **values)
-        self.solver.settings = dataclasses.replace(self._settings, numerics=numerics)
-        self.solver.scheme.numerics = numerics
+        self.solver.settings = self._settings
+        self.solver.set_time_steps(**values)
 
     def set_gravity(self, **values) -> None:
         """Change parameters of gravity."""
@@ -162,7 +162,7 @@ class Verdict:
 
     def rows(self, wall_s: float) -> list[Row]:
         """Rows of a table: the outcome, 0 to 3 as in ``OUTCOMES``, and everything that was measured."""
-        common = {"at": f"[{self.name}]", "wall_s": wall_s}
+        common: dict[str, Any] = {"at": f"[{self.name}]", "wall_s": wall_s}
         rows = [Row("verdict", float(OUTCOMES.index(self.outcome)), error=float(self.outcome == FAILED), tolerance=0.0,
                     **common)]
         for quantity, (value, limit) in self.values.items():

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipeline.base.progress import progress
 from pipeline.cavity.shapes import shape_arrays
@@ -51,7 +52,7 @@ class TankParameters:
                                meaning="floating point format of the fields")
 
 
-def cavity(kind: str, size: float | Sequence[float], spacing: float, *, start: str = "regular",
+def cavity(kind: str, size: ArrayLike, spacing: float, *, start: str = "regular",
            support_ratio: float = 3.0, dimension: int = 2, seed: int = 0,
            periodic: Sequence[int] = ()) -> dict[str, np.ndarray]:
     """Return the arrays of a cavity.
@@ -150,7 +151,7 @@ class Run:
 
     def rows(self) -> list[Row]:
         """Rows that every run has: whether it reached its end, steps and iterations."""
-        common = {"at": self.label, "wall_s": self.wall_s}
+        common: dict[str, Any] = {"at": self.label, "wall_s": self.wall_s}
         missing = 0.0 if not self.failure else 1.0 - self.solver.time / self.until
         return [Row("time reached", self.solver.time, "s", reference=self.until, error=missing, tolerance=0.0,
                     **common),

@@ -153,7 +153,7 @@ def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float
     """
     order, factor = law_of(points)
     base = sorted((point.resolution, point.cpu) for point in points if point.change == SPACING)
-    found = {}
+    found: dict[str, tuple[float, ...]] = {}
     for name, spacing in levels.items():
         resolution = per_width * WIDTH / spacing
         inside = base[0][0] <= resolution <= base[-1][0]
@@ -178,7 +178,7 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
         _write_csv(target / f"{name}.csv", [field.name for field in dataclasses.fields(Point)],
                    [dataclasses.asdict(point) for point in points])
         _draw(target / f"{name}_tradeoff.png", name, family, points)
-        orders += _orders(name, family, points)
+        orders += orders_of(name, family, points)
         found.append(_outcome(name, points))
     _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
     return found
@@ -197,7 +197,8 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None
         writer.writerows(rows)
 
 
-def _orders(name: str, family, points: Sequence[Point]) -> list[dict]:
+def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
+    """Return the row of a family for orders.csv, as a list; empty where no run has an error."""
     base = base_points(points)
     if not base:
         return []

@@ -8,7 +8,7 @@ height, towards the wall that the oil rests on. With the capillary constant c = 
 from r = z = phi = 0 with the curvature b on the axis. The profile ends at the wall, at the polar angle beta from the
 pole of the water, where phi = beta - theta: the first root of r - R sin(phi + theta). One b gives one shape; the fill
 follows from the volume of the water, so b is searched for. Oil lighter than water rests on the top, heavier oil on
-the bottom: the same shape upside down.
+the bottom: the same shape upside down. Equations: docs/methods/measures.md.
 """
 import dataclasses
 
@@ -82,7 +82,11 @@ class Profile:
 
 
 def covered_share(arc: float, dimension: int) -> float:
-    """Return the share of the wall on an arc, deg, around the pole."""
+    """Return the share of the wall on an arc, deg, around the pole.
+
+    >>> covered_share(180.0, 2), round(float(covered_share(180.0, 3)), 9)
+    (0.5, 0.5)
+    """
     return arc / 360.0 if dimension == 2 else 0.5 * (1.0 - np.cos(np.radians(0.5 * arc)))
 
 
@@ -119,7 +123,7 @@ def interface(curvature, capillary_constant: float, dimension: int, length, step
         # sin(phi)/r tends to b on the axis.
         off_axis = np.abs(r) > 1e-9 * length
         hoop = np.where(off_axis, np.sin(phi) / np.where(off_axis, r, 1.0), b)
-        return np.stack([np.cos(phi), np.sin(phi), (1.0 + axial) * b + capillary_constant * z - axial * hoop])
+        return np.stack([np.cos(phi), np.sin(phi), (1.0 + axial) * b + capillary_constant * z - axial * hoop])  # (Q4)
 
     ds, states = length / steps, np.zeros((steps + 1, 3, len(b)))
     for n in range(steps):
@@ -150,7 +154,7 @@ def _cut(curvature, r, z, phi, contact_angle, radius, dimension) -> Profile | No
     """Cut a profile where it first meets the wall at the contact angle."""
     with np.errstate(invalid="ignore"):
         beta = phi + contact_angle
-        miss = r - radius * np.sin(beta)
+        miss = r - radius * np.sin(beta)  # (Q5)
         ends = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
     if not len(ends) or not 0.0 < beta[ends[0] + 1] <= np.pi:
         return None

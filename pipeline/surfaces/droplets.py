@@ -1,6 +1,7 @@
 """Pieces of liquid of few particles, and the offsets with which their surfaces hold the volume of their particles."""
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -63,7 +64,8 @@ def droplet_offsets(frame: FrameData, fraction: np.ndarray, droplets: list[list[
     # Where two droplets share nodes, the larger offset shows both.
     unique, place = np.unique(np.concatenate(nodes), return_inverse=True)
     largest = np.full((len(fraction), len(unique)), -np.inf)
-    np.maximum.at(largest, (slice(None), place), np.concatenate(offsets, axis=1))
+    columns: Any = (slice(None), place)
+    np.maximum.at(largest, columns, np.concatenate(offsets, axis=1))
     return unique, largest
 
 
@@ -89,7 +91,7 @@ def _fit(boxes: Sequence[_Box], shape: tuple[int, ...], grid: CavityGrid) -> Non
     level, depth = np.zeros((len(boxes), *shape)), np.full((len(boxes), *shape), -1.0)
     members = np.zeros(level.shape, bool)
     for index, box in enumerate(boxes):
-        place = (index, *map(slice, box.level.shape))
+        place: Any = (index, *map(slice, box.level.shape))
         level[place], depth[place], members[place] = box.level, box.depth, box.members
     target = np.array([box.target for box in boxes])
 

@@ -4,13 +4,14 @@ At a point the particles within 2.5 spacings are averaged with weights ``volume 
 is the plane z = 0 of space. Every point gathers its own sum in a fixed order, so the result does not depend on the
 number of threads. The sums are kept apart by the phase of the particles: their total is the smooth fraction whose level
 1/2 is the interface, the sum of one phase is the fraction on that side of a sharp interface.
+Equations: docs/methods/surfaces.md.
 """
 import numpy as np
 import taichi as ti
 
 SUPPORT = 2.5  # in particle spacings; smaller is rougher, larger wipes out films and drops
 NORMALIZATION = {2: 7.0 / (np.pi * SUPPORT**2), 3: 10.5 / (np.pi * SUPPORT**3)}    # of Wendland C2, by dimension
-SMOOTHING_PASS, SMOOTHING_BACK = 0.5, -0.53     # Taubin 1995, lambda and mu
+SMOOTHING_PASS, SMOOTHING_BACK = 0.5, -0.53     # lambda and mu [taubin1995]
 Vector = ti.types.vector(3, ti.f32)
 
 
@@ -72,7 +73,7 @@ def in_space(points: np.ndarray) -> np.ndarray:
 
 
 def smooth_fraction(weight: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Fractions (m, liquids) over the particles of all phases; NaN where no particle is near."""
+    """Fractions (m, liquids) over the particles of all phases (U1); NaN where no particle is near."""
     total = weight.sum(axis=1)
     with np.errstate(invalid="ignore"):
         return share.sum(axis=1) / np.where(total > 0, total, np.nan)[:, None]
@@ -91,7 +92,7 @@ def sided_fraction(weight: np.ndarray, share: np.ndarray, side: np.ndarray) -> n
 
 
 def taubin_filter(iterations: int) -> np.ndarray:
-    """Weights of ``iterations`` passes of Taubin's filter along one axis: smooths without shrinking (Taubin 1995).
+    """Weights of ``iterations`` passes of Taubin's filter along one axis (U2): smooths without shrinking [taubin1995].
 
     Applied to the field instead of the mesh it can neither open the mesh, nor part the liquids, nor move the wall.
     """

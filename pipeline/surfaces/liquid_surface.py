@@ -4,10 +4,12 @@ Liquid l is where ``min(dominance_l, depth) > 0``: dominance is how far its frac
 depth the distance to the wall. So two liquids share one interface, and the liquids touch the wall without a gap.
 Where there is a free surface, the void beyond it counts as one liquid more, with what the kernel finds empty as its
 fraction. Offsets added to the fractions conserve the volume of every liquid; droplets have offsets of their own.
+Equations: docs/methods/surfaces.md.
 """
 import dataclasses
 import functools
 import time
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates
@@ -36,7 +38,7 @@ class LiquidSurface:
     """Surface of one liquid, in two dimensions its outline, and what was measured on it."""
 
     mesh: TriangleMesh | ContourLines
-    statistics: dict[str, object]
+    statistics: dict[str, Any]
 
 
 @dataclasses.dataclass
@@ -152,7 +154,7 @@ class Reconstructor:
         """Distance of points (m, D) to the wall, m, positive inside the cavity."""
         return -self.grid.distance_at(points)
 
-    def _section_nodes(self) -> tuple[np.ndarray, tuple[int, int], float]:
+    def _section_nodes(self) -> tuple[np.ndarray, tuple[int, ...], float]:
         grid = self.grid
         cell = grid.cell / max(1, int(np.ceil(SECTION_PIXELS * grid.cell / grid.extent[1:].max())))
         shape = tuple(int(n) for n in np.floor(grid.extent[1:] / cell + 1e-9) + 1)
@@ -172,7 +174,7 @@ class Reconstructor:
         if not known.any():
             raise UserError("a frame without particles has no surface")
         if self.free_surface:
-            filled = np.clip(weight.sum(axis=1) / self.room, 0.0, 1.0)[:, None]
+            filled = np.clip(weight.sum(axis=1) / self.room, 0.0, 1.0)[:, None]  # (U3)
             near = np.concatenate([np.where(known[:, None], filled * near, 0.0), 1.0 - filled], axis=1)
         elif not known.all():
             _, nearest = cKDTree(nodes[known]).query(nodes[~known])
@@ -193,8 +195,8 @@ class Reconstructor:
         offset, count = np.zeros(len(fraction)), len(fraction)
         if count == 2 and target.all():
             # Both liquids lose a little where the interface meets the wall; the lesser is held to its volume.
-            judged = 0 if self.free_surface else int(target.argmin())
-            self._set_offset(offset, 1, [judged], fraction, droplets, target)
+            judged = [0 if self.free_surface else int(target.argmin())]
+            self._set_offset(offset, 1, judged, fraction, droplets, target)
         elif count > 2:
             for phase in [k for k in range(1, count) if target[k]] * OFFSET_ROUNDS:
                 # What the void takes is what all liquids lack: the void itself may lose a little.
@@ -246,7 +248,7 @@ def with_offsets(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> n
 
 
 def excess(raised: np.ndarray, phase: int) -> np.ndarray:
-    """How far one phase exceeds the largest of the others, (nx, ny[, nz])."""
+    """How far one phase exceeds the largest of the others (U4), (nx, ny[, nz])."""
     others = [raised[k] for k in range(len(raised)) if k != phase]
     if not others:
         return np.ones_like(raised[0])

@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
@@ -73,7 +73,7 @@ class Workflow:
     device : option of every stage that starts the solver, empty where the scenes decide.
     """
 
-    def __init__(self, config: Mapping[str, object]):
+    def __init__(self, config: Mapping[str, Any]):
         for key in config:
             if key not in KEYS:
                 stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")

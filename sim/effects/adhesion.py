@@ -1,4 +1,4 @@
-"""Adhesion: attraction of a liquid to the wall (Akinci et al. 2013, Eq. 6; S2).
+"""Adhesion: attraction of a liquid to the wall [akinci2013, eq. 6; pbf, eq. 14] (docs/methods/cohesion.md).
 
 F_ib = -beta m_i psi_b A(r) e_ib with psi_b = rho_i V_b, the mass that the wall particle would have as liquid. A acts
 between half the support radius and all of it: nearer particles are left to the pressure. Its 2D form has the same
@@ -20,7 +20,7 @@ from sim.parameters import parameter
 
 @dataclasses.dataclass(frozen=True)
 class AdhesionParameters:
-    """Attraction of a liquid to the wall (Akinci et al. 2013, Eq. 6)."""
+    """Attraction of a liquid to the wall (Akinci et al. 2013, eq. 6)."""
 
     beta: float = parameter(unit="N*m**3/kg**2", minimum=0.0, maximum=1e6, meaning="adhesion coefficient")
     liquid: str | None = parameter(None, liquid=True, meaning="the liquid that the wall attracts; all without it")
@@ -59,7 +59,7 @@ class Adhesion(Effect):
         """A(r), 1/m^d."""
         q = r / self.support
         inside = ti.max(-4.0 * q * q + 6.0 * q - 2.0, 0.0)  # positive between h/2 and h
-        return self.scale * ti.sqrt(ti.sqrt(inside))
+        return self.scale * ti.sqrt(ti.sqrt(inside))  # (C5)
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):
@@ -68,4 +68,4 @@ class Adhesion(Effect):
         share = 1.0
         if ti.static(self.liquid >= 0):
             share = self.likeness.share(i, self.liquid)
-        return (-self.beta * share * density * self.walls.volume[b] * self.spline(r) / r) * x_ib
+        return (-self.beta * share * density * self.walls.volume[b] * self.spline(r) / r) * x_ib  # (C4)

@@ -1,4 +1,4 @@
-"""Cohesion: pairwise attraction within a liquid (Akinci et al. 2013; S1 Eq. 9).
+"""Cohesion: pairwise attraction within a liquid [akinci2013, eq. 1; song, eq. 9] (docs/methods/cohesion.md).
 
 F_ij = -gamma K_ij m_i m_j C(r) e_ij with K_ij = 2/(Gamma_i + Gamma_j), within a liquid; in mixtures gamma becomes
 sum gamma_k alpha_k,i alpha_k,j, so that an interface that mixes loses its tension. The spline C attracts beyond
@@ -32,14 +32,14 @@ from sim.effects.parts.same_liquid import Likeness
 from sim.parameters import parameter
 from sim.runtime import real
 
-PLANE = {2: 0.0049222, 3: 0.0029830}  # a: tension of a plane over gamma rho^2 h^2
+PLANE = {2: 0.0049222, 3: 0.0029830}  # a (C7): tension of a plane over gamma rho^2 h^2
 LARGEST_STEP = 0.25  # over sqrt(rho dx^3/(2 pi sigma)), with position-based fluids
 MEASURED = {2: 3.2, 3: 2.8}  # k: pressure jump of drops over that of the integral
 
 
 @dataclasses.dataclass(frozen=True)
 class CohesionParameters:
-    """Pairwise attraction within a liquid (Akinci et al. 2013; S1 Eq. 9): either gamma or tension."""
+    """Pairwise attraction within a liquid (Akinci et al. 2013, eq. 1; Song et al., eq. 9): either gamma or tension."""
 
     gamma: float | None = parameter(None, unit="N*m**3/kg**2", minimum=0.0, maximum=1e6,
                                     meaning="cohesion coefficient, as in the papers")
@@ -57,7 +57,7 @@ class CohesionParameters:
         support = settings.numerics.support_ratio * settings.numerics.particle_spacing
         share = 0.5 / MEASURED[settings.dimension] if settings.closed else 1.0
         scale = PLANE[settings.dimension] * support**2
-        return [share * self.tension / (scale * liquid.density**2) for liquid in settings.liquids]
+        return [share * self.tension / (scale * liquid.density**2) for liquid in settings.liquids]  # (C6)
 
 
 def _check_strength(parameters):
@@ -113,7 +113,9 @@ class Cohesion(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """Capillary limit of the stiffest liquid, with a scheme that answers compression only."""
+        """Capillary limit of the stiffest liquid, with a scheme that answers compression only: (A5) of
+        docs/methods/time_step.md.
+        """
         numerics = settings.numerics
         if not settings.scheme_class.one_sided:
             return float("inf")
@@ -130,11 +132,11 @@ class Cohesion(Effect):
         """C(r), 1/m^d."""
         q = ti.min(r / self.support, 1.0)
         product = (1.0 - q) ** 3 * q**3
-        return self.scale * ti.select(q > 0.5, product, 2.0 * product - 1.0 / 64.0)
+        return self.scale * ti.select(q > 0.5, product, 2.0 * product - 1.0 / 64.0)  # (C2)
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
         r = ti.max(x_ij.norm(), 1e-6 * self.support)
         correction = 2.0 / (self.particles.compression_rate[i] + self.particles.compression_rate[j])
-        strength = self.likeness.weighted(i, j, self.gamma) * correction * self.particles.mass[j]
+        strength = self.likeness.weighted(i, j, self.gamma) * correction * self.particles.mass[j]  # (C1)
         return (-strength * self.spline(r) / r) * x_ij

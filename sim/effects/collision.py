@@ -1,15 +1,15 @@
-"""Collision of immiscible liquids (Mao & Yang, "Fluid-fluid collision", seed S3; sections 4 and 5).
+"""Collision of immiscible liquids [mao, sections 4, 5] (docs/methods/collision.md).
 
 A particle is inside another liquid when it lies in the convex hull of its neighbors of that liquid. It then collides
 with a virtual particle of that liquid at its own place, whose mass and velocity are means of these neighbors with the
 weights omega_k = V_k W_ik / sum of V_l W_il, and it is moved to the surface of the hull along the normal of the
 interface. The impulse that the virtual particle takes is handed to the neighbors with the same weights. Corrections:
 
-- omega sums to 1, which the weights of the paper do not, so that momentum is kept to round-off (methods E28);
-- only particles that approach collide (E30);
-- with `counter_move` the neighbors give way by what the move would shift the center of mass (E31);
+- omega sums to 1, which the weights of the paper do not, so that momentum is kept to round-off;
+- only particles that approach collide;
+- with `counter_move` the neighbors give way by what the move would shift the center of mass;
 - all particles of one liquid, or of all (`order`), answer to the same state and gather what others hand them, so that
-  the result depends neither on their order nor on the number of threads (E32). What one particle takes part in at once
+  the result depends neither on their order nor on the number of threads. What one particle takes part in at once
   adds up, though: its mass is shared out over its `load`, the sum of all weights of collisions that it is in. The
   impulse is (1 + e) u / max(1/m_i + 1/m_j, load_i/m_i + sum of omega_k load_k/m_k), with which no number of
   simultaneous collisions can gain energy (by the Cauchy-Schwarz inequality); a single one has the impulse of the paper.
@@ -115,7 +115,7 @@ class Collision(Effect):
 
     @ti.func
     def _virtual(self, i):
-        """Velocity of the virtual particle, and the unit normal from the other liquid into that of i."""
+        """Velocity of the virtual particle (H1), and the unit normal from the other liquid into that of i (H2)."""
         liquid = self.particles.held_by[i]
         velocity, normal = self.particles.velocity[i] * 0.0, self.particles.velocity[i] * 0.0
         for slot in range(self.pairs.count[i]):
@@ -202,10 +202,10 @@ class Collision(Effect):
                         mass += share * self.particles.mass[j]
                         loaded += share * self.particles.collision_load[j] / self.particles.mass[j]
                         most = ti.max(most, self.particles.move_load[j])
-                self.particles.collision_impulse[i] *= self.impulse_factor / ti.max(
+                self.particles.collision_impulse[i] *= self.impulse_factor / ti.max(  # (H3)
                     1.0 / self.particles.mass[i] + 1.0 / mass, loaded)
                 if ti.static(self.counter_move):
-                    self.particles.collision_move[i] *= mass / (mass + self.particles.mass[i]) / most
+                    self.particles.collision_move[i] *= mass / (mass + self.particles.mass[i]) / most  # (H4)
 
     @ti.kernel
     def _apply(self):

@@ -1,10 +1,10 @@
 """Droplets that eye movements tear off the oil where oil, aqueous and wall meet.
 
-The interface away from the wall does not emulsify under saccades, it only bends; droplets form at the three-phase
-contact line (Wang et al. 2022, J Biomech Eng, doi 10.1115/1.4053004). No law for their number is published. The one
-here has the factors that are: more droplets with more shear, and fewer with a higher interfacial tension (proteins
-lower it) and a higher viscosity of the oil (Crisp et al. 1987, Arch Ophthalmol 105:546). One saccade takes off, per
-length of the contact line, a thread of droplets of the cross-section
+The interface away from the wall does not emulsify under saccades, it only bends [wang2022, abstract]; droplets form at
+the three-phase contact line [wang2021, abstract]. No law for their number is published. The one here has the factors
+that are: more droplets with more shear, and fewer with a higher interfacial tension (proteins lower it) and a higher
+viscosity of the oil [crisp1987, abstract]. One saccade takes off, per length of the contact line, a thread of droplets
+of the cross-section
 
     efficiency d^2 Ca mu_ref/mu_oil,    Ca = mu_aqueous shear_rate d / sigma,
 
@@ -32,6 +32,7 @@ What is left out: droplets do not merge, are all of one size, and are not stirre
 the highest particles of the aqueous: weight over Brownian motion gives a layer of 7 um); nothing but the efficiency
 stands for proteins, remnants of other liquids and impurities of the oil. The few millionths of aqueous that an oil
 particle has taken up let droplets drift into it: 0.3 % of them after half a year in emulsification_contact_line.
+Equations: docs/methods/mixtures.md.
 """
 import dataclasses
 import math
@@ -47,7 +48,8 @@ from sim.reductions import blocks, first, last, total_of
 from sim.runtime import real
 
 LAYER = 2.0  # depth of the layer at the wall in which the contact line is found, in particle spacings
-SACCADE_TIME, TIME_PER_DEGREE = 21e-3, 2.2e-3  # main sequence of saccades: duration at no amplitude, s, and per degree
+# Main sequence of saccades: duration at no amplitude, s, and per amplitude, s/rad (2.2 ms per degree).
+SACCADE_TIME, TIME_PER_ANGLE = 21e-3, 2.2e-3 / math.radians(1.0)
 PEAK = 1.875  # peak over mean rate of a minimum-jerk turn
 QUADRATURE = 400  # intervals of the integral over the kernel, along the wall and in depth
 
@@ -61,7 +63,7 @@ class ContactLineEmulsificationParameters:
     droplets: str = parameter(liquid=True, meaning="the oil in droplets: a liquid of the oil's density")
     droplet_diameter: float = parameter(1.5e-6, unit="m", exclusive_minimum=0.0, maximum=1e-3,
                                         meaning="diameter d of a droplet; of those washed out of eyes, 81 % are of 1 "
-                                                "to 2 um (J Ophthalmol 2020, 6940625)")
+                                                "to 2 um (Yu et al. 2020)")
     interface_tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, maximum=1.0,
                                          meaning="tension that holds a droplet back; 40 mN/m clean, 15 with proteins")
     reference_viscosity: float = parameter(1.0, unit="Pa*s", exclusive_minimum=0.0, maximum=100.0,
@@ -71,7 +73,8 @@ class ContactLineEmulsificationParameters:
                                           "the droplets of wash-outs in the scene emulsification_contact_line)")
     saccade_rate: float = parameter(2.0, unit="1/s", minimum=0.0, maximum=100.0,
                                     meaning="saccades per time, the night included (A: 3 per second for 16 of 24 h)")
-    saccade_amplitude: float = parameter(10.0, unit="deg", minimum=0.0, maximum=60.0, meaning="turn in one saccade")
+    saccade_amplitude: float = parameter(math.radians(10.0), unit="rad", minimum=0.0, maximum=math.radians(60.0),
+                                         meaning="turn in one saccade")
     saccade_axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), meaning="axis of the saccades through the origin; (0, 1, 0): they are horizontal")
     shear: str = parameter("saccades", choices=("saccades", "flow"),
@@ -82,17 +85,17 @@ class ContactLineEmulsificationParameters:
 
 
 def saccade_duration(amplitude: float) -> float:
-    """Duration of a saccade of an amplitude in degrees, s (main sequence)."""
-    return SACCADE_TIME + TIME_PER_DEGREE * amplitude
+    """Duration of a saccade of an amplitude, rad, in s (main sequence)."""
+    return SACCADE_TIME + TIME_PER_ANGLE * amplitude
 
 
 def saccade_speed(amplitude: float) -> float:
-    """Peak rate of rotation in a saccade of an amplitude in degrees, rad/s."""
-    return PEAK * math.radians(amplitude) / saccade_duration(amplitude)
+    """Peak rate of rotation in a saccade of an amplitude, rad, in rad/s."""
+    return PEAK * amplitude / saccade_duration(amplitude)
 
 
 def shear_per_distance(amplitude: float, aqueous) -> float:
-    """Shear rate at the wall in a saccade (amplitude in degrees) per distance from its axis, 1/(m s).
+    """Shear rate at the wall in a saccade (amplitude in rad) per distance from its axis, 1/(m s).
 
     Stokes' second problem: a wall that oscillates with the speed U and the frequency Omega shears by U sqrt(Omega/nu).
     """
@@ -103,7 +106,7 @@ def shear_per_distance(amplitude: float, aqueous) -> float:
 def volume_per_shear(parameters, oil, aqueous) -> float:
     """Volume torn off per length of the contact line, simulated time and shear rate at the wall, m2."""
     capillary_number_per_shear = aqueous.dynamic_viscosity * parameters.droplet_diameter / parameters.interface_tension
-    cross_section = (parameters.efficiency * parameters.droplet_diameter**2 * capillary_number_per_shear
+    cross_section = (parameters.efficiency * parameters.droplet_diameter**2 * capillary_number_per_shear  # (M7)
                      * parameters.reference_viscosity / oil.dynamic_viscosity)
     return parameters.time_lapse * parameters.saccade_rate * cross_section
 
@@ -254,7 +257,7 @@ class ContactLineEmulsification(Mixing):
 
     @ti.func
     def _line(self, i, j, x_ij):
-        """l_ij without the fractions, over 2 V_i V_j |W'|/r: 1/m in three dimensions."""
+        """l_ij without the fractions (M8), over 2 V_i V_j |W'|/r: 1/m in three dimensions."""
         return 0.5 * self.kernel_weight[None] * x_ij.norm() * (
             self.particles.wall_layer_weight[i] * self.particles.wall_layer_weight[j])
 

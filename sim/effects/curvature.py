@@ -1,8 +1,9 @@
-"""Curvature force: differences of normals shrink the surface of a liquid (Akinci et al. 2013; S1 Eq. 7).
+"""Curvature force: differences of normals shrink the surface of a liquid [akinci2013; song, eqs. 7, 8].
 
 F_ij = -gamma K_ij m_ij s_ij (n_i - n_j) with n_i = h sum of V_j s_ij G_ij. s_ij is 1 within a liquid and 0 between two;
 in mixtures sum alpha_k,i alpha_k,j, so that normals and force fade as the liquids mix. The mean mass
 m_ij = 2 m_i m_j/(m_i + m_j) makes the pair force antisymmetric for unequal masses, which m_i of the paper does not.
+Equations: docs/methods/cohesion.md.
 """
 import dataclasses
 import math
@@ -19,7 +20,7 @@ from sim.parameters import parameter
 
 @dataclasses.dataclass(frozen=True)
 class CurvatureParameters:
-    """Area minimisation by differences of normals (Akinci et al. 2013; S1 Eq. 7)."""
+    """Area minimization by differences of normals (Akinci et al. 2013; Song et al., eqs. 7, 8)."""
 
     gamma: float = parameter(unit="m/s**2", minimum=0.0, maximum=1e6, meaning="curvature coefficient")
 
@@ -78,5 +79,5 @@ class Curvature(Effect):
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
         correction = 2.0 / (self.particles.compression_rate[i] + self.particles.compression_rate[j])
         share = 2.0 * self.particles.mass[j] / (self.particles.mass[i] + self.particles.mass[j])
-        return (-self.gamma * self.likeness.of(i, j) * correction * share) * (
+        return (-self.gamma * self.likeness.of(i, j) * correction * share) * (  # (C3)
             self.particles.interface_normal[i] - self.particles.interface_normal[j])

@@ -1,8 +1,9 @@
-"""Diffusion of volume fractions by conservative pair fluxes (S1 Eq. 13, corrected: one coefficient for all liquids).
+"""Diffusion of volume fractions by conservative pair fluxes: [song, eq. 13] with one coefficient for all liquids.
 
 The volume of liquid k that moves from j to i in one step is q = 2 dt D V_i V_j (alpha_k,i - alpha_k,j)
 (x_ij.G_ij)/r^2: antisymmetric, and its sum over k is zero. The factor 2 belongs to the Laplacian; what a lattice of
 particles lacks of it (3 % at h = 2.5 dx) is put into D. Each new fraction is a convex combination of old ones.
+Equations: docs/methods/mixtures.md.
 """
 import dataclasses
 import math
@@ -18,7 +19,7 @@ MIXED = 10.0  # particle spacings over which liquids have mixed when more of it 
 
 @dataclasses.dataclass(frozen=True)
 class DiffusionParameters:
-    """Mixing of the liquids by diffusion of their volume fractions (S1 Eq. 13, corrected)."""
+    """Mixing of the liquids by diffusion of their volume fractions (Song et al., eq. 13, corrected)."""
 
     coefficient: float = parameter(unit="m**2/s", minimum=0.0, maximum=1e-2, meaning="diffusion coefficient D_m")
 
@@ -73,7 +74,7 @@ class Diffusion(Mixing):
 
     @ti.func
     def pair_flux(self, i, j, x_ij):
-        return self.coefficient * (self.particles.volume_fraction[j] - self.particles.volume_fraction[i])
+        return self.coefficient * (self.particles.volume_fraction[j] - self.particles.volume_fraction[i])  # (M3)
 
     @ti.func
     def pair_rate(self, i, j, x_ij):

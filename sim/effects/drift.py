@@ -1,4 +1,4 @@
-"""Drift of the liquids through each other: droplets of each rise or sink in the others (S1 Eqs. 10-13, corrected).
+"""Drift of the liquids through each other: droplets of each rise or sink in the others [song, eqs. 10-13].
 
 Droplets of liquid k, of diameter d, would move with u_k relative to what surrounds them,
 
@@ -6,16 +6,16 @@ Droplets of liquid k, of diameter d, would move with u_k relative to what surrou
     tau_k = rho_k d^2/(18 mu_c) 3 (1 + lambda)/(2 + 3 lambda),  lambda = mu_k/mu_c,
 
 rho the density of the mixture and mu_c the viscosity of the liquids around the droplet (drag of Stokes, with the flow
-inside the droplet after Hadamard and Rybczynski). The paper has no drag (E3), so that its drift grows without limit,
-and its drift velocities do not add up to zero (E4). Here only the slip u_k - u_l of two liquids counts, so that
-v_k^d = u_k - sum alpha_l u_l adds up to zero by itself. The local equilibrium that S1 assumes in Eq. 11 (Manninen et
-al. 1996) is u_k = tau_k (1 - rho/rho_k) (g - Dv/Dt); the dynamic form takes the time tau_k to reach it, is advanced
+inside the droplet after [hadamard1911; rybczynski1911]). [song, eq. 12] has no drag, so that its drift grows without
+limit, and its drift velocities do not add up to zero. Here only the slip u_k - u_l of two liquids counts, so that
+v_k^d = u_k - sum alpha_l u_l adds up to zero by itself. The local equilibrium that is assumed in [song, eq. 11;
+manninen1996] is u_k = tau_k (1 - rho/rho_k) (g - Dv/Dt); the dynamic form takes the time tau_k to reach it, is advanced
 by its exact solution for a constant force, and has the same limit for any time step.
 
 Since alpha_k v_k^d = sum_l alpha_k alpha_l (u_k - u_l), the transport C_m div(alpha_k v_k^d) is a sum of exchanges of
 pairs of liquids. With w = ((u_k - u_l)_i + (u_k - u_l)_j)/2 . x_ij/r above zero, i gains from j
 2 dt C_m V_i V_j |W'| alpha_k,j alpha_l,i w of k for as much of l: the donor must have k and the receiver l, which keeps
-the fractions in [0, 1] (methods 5.2).
+the fractions in [0, 1]. Equations: docs/methods/mixtures.md.
 """
 import dataclasses
 import math
@@ -36,7 +36,7 @@ STOKES_REYNOLDS = 1.0  # at Re 1 the drag is 19 % above that of Stokes (Oseen: 3
 
 @dataclasses.dataclass(frozen=True)
 class DriftParameters:
-    """Rise and sinking of droplets of each liquid in the others (S1 Eqs. 10-13, corrected: with drag)."""
+    """Rise and sinking of droplets of each liquid in the others (Song et al., eqs. 10-13, corrected: with drag)."""
 
     droplet_diameter: float = parameter(unit="m", exclusive_minimum=0.0, maximum=1e-2, meaning="diameter of droplets")
     coefficient: float = parameter(1.0, minimum=0.0, maximum=1e9,
@@ -180,7 +180,7 @@ class Drift(Mixing):
         """tau_k, hindered by other droplets, s."""
         mu = self._surrounding_viscosity(fraction, k)
         ratio = ti.exp(self.log_viscosity[k]) / mu
-        tau = self.density[k] * self.diameter**2 / (18.0 * mu) * 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)
+        tau = self.density[k] * self.diameter**2 / (18.0 * mu) * 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)  # (M5)
         if ti.static(self.hindrance > 0.0):
             tau *= ti.pow(ti.max(1.0 - fraction[k], 0.0), self.hindrance)
         return tau
@@ -200,7 +200,7 @@ class Drift(Mixing):
                     if ti.static(self.dynamic):
                         approach = 1.0 - ti.exp(-dt / ti.max(tau, 1e-30))
                     for d in ti.static(range(self.dimension)):
-                        limit = tau * (1.0 - density / self.density[k]) * force[d]
+                        limit = tau * (1.0 - density / self.density[k]) * force[d]  # (M4)
                         n = ti.static(k * self.dimension + d)
                         u = self.particles.droplet_velocity[i][n]
                         self.particles.droplet_velocity[i][n] = u + approach * (limit - u)
@@ -221,7 +221,7 @@ class Drift(Mixing):
         flux = own * 0.0
         for k, m in ti.static(self.exchanged):
             slip = self.coefficient * self._slip(i, j, x_ij, k, m)
-            moved = ti.select(slip > 0.0, other[k] * own[m], own[k] * other[m]) * slip
+            moved = ti.select(slip > 0.0, other[k] * own[m], own[k] * other[m]) * slip  # (M6)
             flux[k] += moved
             flux[m] -= moved
         return flux

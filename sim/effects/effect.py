@@ -11,6 +11,7 @@ knows it by name: what others must know of it, it declares in the words below.
 """
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
@@ -38,6 +39,7 @@ class Effect:
     Parameters : frozen dataclass of the parameters.
     fields : particle fields that this effect adds.
     uses : names of the fields of others that it reads or writes.
+    reads : limits of solves that it takes from the numerics (``sim.settings.Numerics``).
     requires : names of the effects that must be active too.
     unused_hooks : hooks that the parameters of this one effect switch off: neither compiled nor run.
     periodic : whether the effect works across the ends of periodic axes.
@@ -61,6 +63,7 @@ class Effect:
     Parameters: type
     fields: tuple[Field, ...] = ()
     uses: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     unused_hooks: tuple[str, ...] = ()
     periodic: bool = True
@@ -76,6 +79,9 @@ class Effect:
     solves: str = ""
     checks: tuple[Callable[..., Iterator[tuple[tuple, str]]], ...] = ()
     measures: tuple[Measure, ...] = ()
+
+    if TYPE_CHECKING:  # what single effects have beside
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, parameters, solver):
         self.parameters = parameters
@@ -164,7 +170,7 @@ class Effect:
 
     @classmethod
     def contact_angle_of(cls, parameters) -> float | None:
-        """Contact angle at the wall, measured through the first liquid, degrees; None where it sets none."""
+        """Contact angle at the wall, measured through the first liquid, rad; None where it sets none."""
         return None
 
     @classmethod
@@ -271,7 +277,7 @@ class Effect:
     def exchange(self, dt: float) -> None:
         """Add and remove particles, before they are sorted."""
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float) -> dict[str, float] | None:
         """Compute what the pair and body hooks need, once neighbors are known."""
 
     def correct_velocity(self, dt: float) -> dict[str, float]:

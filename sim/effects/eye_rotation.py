@@ -3,15 +3,15 @@
 Where the eye has the angular velocity w, liquid at r from the center of rotation with the velocity u, seen from the
 eye, is accelerated by
 
-    -dw/dt x r - 2 w x u - w x (w x r)      (Euler, Coriolis, centrifugal).
+    -dw/dt x r - 2 w x u - w x (w x r)      (Euler, Coriolis, centrifugal), (G4).
 
 The first is taken as the change of w over the whole step, so that the turn of the liquid is as large as that of the
-eye whatever the step; the second turns u without changing its length (Boris 1970), so that it does no work. Gravity,
+eye whatever the step; the second turns u without changing its length [boris1970], so that it does no work. Gravity,
 given in the axes of the head, turns the other way round in the eye.
 
 A saccade of amplitude A lasts D with the peak rate P. Both follow the main sequence: D = 21 ms + 2.2 ms/deg A
-(Carpenter 1988) and P = 1.64 A/D. Its rate is P (4 s (1 - s))^n, s the share of the time that is over, with the power n
-that makes the angle A.
+[carpenter1988] and P = 1.64 A/D. Its rate is P (4 s (1 - s))^n, s the share of the time that is over, with the power n
+that makes the angle A. Equations: docs/methods/gravity.md.
 """
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ from sim.measures import Measure
 from sim.parameters import parameter
 from sim.runtime import real
 
-SHORTEST, PER_DEGREE = 21e-3, 2.2e-3  # s and s/deg, duration of a saccade
+SHORTEST, PER_ANGLE = 21e-3, 2.2e-3 / math.radians(1.0)  # s and s/rad, duration of a saccade: 2.2 ms per degree
 PEAK_OVER_MEAN = 1.64  # rate of a saccade
 POWERS = (0.25, 8.0)  # n, between a rate that is nearly constant and a sharp peak
 STEPS = 40  # time steps in a saccade, or in half a period, at least
@@ -48,13 +48,14 @@ class Saccade:
     """A quick turn of the eye, or several back and forth."""
 
     start: float = parameter(unit="s", minimum=0.0, meaning="time at which the saccade begins")
-    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=120.0, meaning="angle that the eye turns by")
+    amplitude: float = parameter(unit="rad", minimum=0.0, maximum=math.radians(120.0),
+                                 meaning="angle that the eye turns by")
     axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0,
         meaning="axis of the turn in the eye, of any length, by the right hand; (0, 1, 0) looks to the patient's left")
     duration: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
                                        meaning="time it takes (default: by the main sequence)")
-    peak_rate: float | None = parameter(None, unit="deg/s", exclusive_minimum=0.0,
+    peak_rate: float | None = parameter(None, unit="rad/s", exclusive_minimum=0.0,
                                         meaning="largest angular velocity (default: by the main sequence)")
     count: int = parameter(1, minimum=1, maximum=10000, meaning="number of saccades, every other one back again")
     interval: float = parameter(0.3, unit="s", exclusive_minimum=0.0, meaning="from one begin to the next")
@@ -62,7 +63,7 @@ class Saccade:
     @property
     def lasts(self) -> float:
         """Duration D of one saccade, s."""
-        return self.duration or SHORTEST + PER_DEGREE * self.amplitude
+        return self.duration or SHORTEST + PER_ANGLE * self.amplitude
 
     @property
     def end(self) -> float:
@@ -82,7 +83,7 @@ class Saccade:
     @property
     def peak(self) -> float:
         """Largest angular velocity, rad/s."""
-        return math.radians(self.amplitude) * self.peak_over_mean / self.lasts
+        return self.amplitude * self.peak_over_mean / self.lasts
 
     def _share(self, time: float) -> tuple[int, float]:
         """Which of the saccades is the last that has begun, -1 before the first, and the share of it that is over."""
@@ -95,14 +96,14 @@ class Saccade:
         if index < 0:
             return 0.0
         turned = float(betainc(self.power + 1.0, self.power + 1.0, share))
-        return math.radians(self.amplitude) * (turned if index % 2 == 0 else 1.0 - turned)
+        return self.amplitude * (turned if index % 2 == 0 else 1.0 - turned)
 
     def rate(self, time: float) -> float:
         """Angular velocity at a time, rad/s."""
         index, share = self._share(time)
         if index < 0:
             return 0.0
-        return (-1.0) ** index * self.peak * (4.0 * share * (1.0 - share)) ** self.power
+        return (-1.0) ** index * self.peak * (4.0 * share * (1.0 - share)) ** self.power  # (G6)
 
     def scale(self, time: float, step: float) -> float:
         """Duration of the movement that a step from a time on falls into, s; infinite where there is none."""
@@ -115,7 +116,8 @@ class Saccade:
 class Oscillation:
     """A turn back and forth without end, as a sine from the start of the scene on."""
 
-    amplitude: float = parameter(unit="deg", minimum=0.0, maximum=90.0, meaning="largest angle to either side")
+    amplitude: float = parameter(unit="rad", minimum=0.0, maximum=math.radians(90.0),
+                                 meaning="largest angle to either side")
     frequency: float = parameter(unit="Hz", exclusive_minimum=0.0, maximum=1000.0, meaning="periods per second")
     axis: tuple[float, float, float] = parameter(
         (0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0, meaning="axis of the turn in the eye, of any length")
@@ -133,15 +135,15 @@ class Oscillation:
     @property
     def peak(self) -> float:
         """Largest angular velocity, rad/s."""
-        return math.radians(self.amplitude) * self.pulsation
+        return self.amplitude * self.pulsation
 
     def angle(self, time: float) -> float:
         """Angle at a time, rad."""
-        return math.radians(self.amplitude) * math.sin(self.pulsation * time)
+        return self.amplitude * math.sin(self.pulsation * time)
 
     def rate(self, time: float) -> float:
         """Angular velocity at a time, rad/s."""
-        return self.peak * math.cos(self.pulsation * time)
+        return self.peak * math.cos(self.pulsation * time)  # (G7)
 
     def scale(self, time: float, step: float) -> float:
         """Duration of the movement that a step from a time on falls into, s."""
@@ -272,7 +274,7 @@ class EyeRotation(Effect):
                 yield Advice(WARNING, cls.name, f"a saccade is not reached or not over: the last one ends at "
                                                 f"{shown(saccade.end, 's')}, but the scene at "
                                                 f"{shown(scales.duration, 's')}")
-        way = max((math.radians(one.amplitude) for one in parameters.movements), default=0.0) * scales.length
+        way = max((one.amplitude for one in parameters.movements), default=0.0) * scales.length
         if not is_seen(way, scales):
             yield Advice(WARNING, cls.name, f"cannot be seen: the wall moves by {times(way, scales)}")
             return
@@ -331,4 +333,4 @@ class EyeRotation(Effect):
         a = -self._cross(self.acceleration[None], r) - self._cross(rate, self._cross(rate, r))
         # Half the angle 2 w dt of the turn has the tangent w dt.
         s = 2.0 / (1.0 + turn.norm_sqr())
-        return a - s * self._cross(rate, u - self._cross(turn, u))
+        return a - s * self._cross(rate, u - self._cross(turn, u))  # (G5)

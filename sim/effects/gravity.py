@@ -4,7 +4,7 @@ In a completely full closed cavity a force field that is a gradient only shifts 
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
 instead of the large weight. Where the liquids have a free surface or a periodic axis, along which they may fall for
 ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out. Where
-`eye_rotation` turns the eye in the head, posture and jolts are those of the head.
+`eye_rotation` turns the eye in the head, posture and jolts are those of the head. Equations: docs/methods/gravity.md.
 """
 import dataclasses
 import itertools
@@ -254,11 +254,11 @@ class Gravity(Effect):
 
     def direction(self, time: float) -> np.ndarray:
         """Direction of gravity in the eye at `time`, (3,); turns follow the minimum-jerk profile."""
-        held = POSTURES[self.parameters.posture]
+        held = np.asarray(POSTURES[self.parameters.posture])
         for turn in self.parameters.turns:
             s = min(max((time - turn.start) / turn.duration, 0.0), 1.0)
-            held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
-        return self.solver.into_eye(np.asarray(held), time)
+            held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))  # (G2)
+        return self.solver.into_eye(held, time)
 
     def at(self, time: float) -> np.ndarray:
         """Gravity less the acceleration of the head at `time`, in the eye, (dimension,), m/s^2."""
@@ -266,7 +266,7 @@ class Gravity(Effect):
         for jolt in self.parameters.jolts:
             phase = (time - jolt.start) / jolt.duration
             if 0.0 < phase < 1.0:
-                total = total - self.solver.into_eye(np.sin(np.pi * phase) * np.array(jolt.acceleration), time)
+                total = total - self.solver.into_eye(np.sin(np.pi * phase) * np.array(jolt.acceleration), time)  # (G3)
         return total[: self.solver.dimension]
 
     gravity_at = at
@@ -300,6 +300,7 @@ class Gravity(Effect):
 
     @ti.func
     def body_acceleration(self, i):
+        # (G1)
         return (1.0 - self.reference_density * self.particles.volume[i] / self.particles.mass[i]) * self.vector[None]
 
     @ti.func

@@ -4,7 +4,7 @@ Particles of the entering liquid grow around the tip of the cannula and split; p
 around the mouth of the drain and merge. The pressure solve gets the matching source sum_j (dV_j/dt) W_ij. What is added
 in a step is exactly what is taken, so the cavity stays full. Volumes stay within a factor of about two: a particle far
 below the rest volume has a volume equation that hardly acts on others and makes pressures run away, and moving whole
-particles from the drain to the cannula tears the packing.
+particles from the drain to the cannula tears the packing. Equations: docs/methods/injection.md.
 
 The region in which particles grow or shrink is a ball of a given radius, whatever the spacing; it is wider only where
 it would hold too few particles, or where they would double in too few steps. Nothing here depends on the order in which
@@ -65,7 +65,7 @@ class InjectionParameters:
         """Volume that has flowed until a time, m^3."""
         since = max(0.0, time - self.start)
         rising = min(since, self.ramp)
-        return self.flow * (0.5 * rising**2 / self.ramp if self.ramp else 0.0) + self.flow * (since - rising)
+        return self.flow * (0.5 * rising**2 / self.ramp if self.ramp else 0.0) + self.flow * (since - rising)  # (J1)
 
     def time_of(self, volume: float) -> float:
         """Time at which a volume, m^3, has flowed, s."""
@@ -76,7 +76,7 @@ class InjectionParameters:
     def region_volume(self, rest_volume: float, dimension: int, time_step: float) -> float:
         """Volume of the region in which liquid enters, m^3 (m^2 in 2D)."""
         ball = (math.pi * self.radius**2 if dimension == 2 else 4.0 / 3.0 * math.pi * self.radius**3)
-        return max(FEWEST * rest_volume, ball, STEPS_TO_DOUBLE * self.flow * time_step)
+        return max(FEWEST * rest_volume, ball, STEPS_TO_DOUBLE * self.flow * time_step)  # (J3)
 
 
 def _check_exchange(parameters):
@@ -318,7 +318,7 @@ class Injection(Effect):
                 share = self.particles.volume[i] / self.volumes[1]
             if self.particles.phase[i] == self.leaving and self._bin(DRAIN, i) < drain:
                 share = -self.particles.volume[i] / self.volumes[2]
-            self.particles.volume_rate[i] = share * self.amount[None] / dt
+            self.particles.volume_rate[i] = share * self.amount[None] / dt  # (J2)
 
     def _check_liquids(self) -> None:
         """Refuse, before anything flows, a fill that the liquids of the start cannot give."""
@@ -496,7 +496,7 @@ class Injection(Effect):
         v_i, v_j = self.particles.volume[i], self.particles.volume[j]
         m_i, m_j = self.particles.mass[i], self.particles.mass[j]
         share, weight = v_i / (v_i + v_j), m_i / (m_i + m_j)
-        self.particles.position[j] += share * (self.particles.position[i] - self.particles.position[j])
+        self.particles.position[j] += share * (self.particles.position[i] - self.particles.position[j])  # (J5)
         self.particles.velocity[j] += weight * (self.particles.velocity[i] - self.particles.velocity[j])
         if ti.static(self.mixes):
             self.fractions[j] += share * (self.fractions[i] - self.fractions[j])
@@ -521,7 +521,7 @@ class Injection(Effect):
             if self.particles.volume_rate[i] != 0.0:
                 before = self.particles.volume[i]
                 density = self.particles.mass[i] / before
-                self.particles.volume[i] += dt * self.particles.volume_rate[i]
+                self.particles.volume[i] += dt * self.particles.volume_rate[i]  # (J4)
                 self.particles.mass[i] = density * self.particles.volume[i]
                 if ti.static(self.mixes):  # noqa: SIM102 (a condition at compile time stands alone)
                     if self.particles.volume_rate[i] > 0.0:  # pure liquid enters; what leaves is the mixture there

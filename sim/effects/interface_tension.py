@@ -10,11 +10,12 @@ M, vanishes at equilibrium for any disordered particle set, so spurious currents
 + b) to the buoyancy c b that `gravity` gives. Its sum over a drop is zero as far as the points lie where the particles
 change their color, and as M, extended, is still M_P there. So the points of the level set, which smoothing has drawn
 in, are moved out; and they carry 2 M less the mean of M around them, since the mean that extends M flattens it
-(twicing: Tukey 1977).
+(twicing [tukey1977]).
 
 Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
 and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
 level set's side elsewhere: a mixture off the interface keeps its buoyancy c b.
+Equations: docs/methods/interface_tension.md.
 """
 import dataclasses
 import math
@@ -53,12 +54,12 @@ class InterfaceTensionParameters:
     """Tension of the interface between the first liquid and every other, from a grid level set."""
 
     coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0, meaning="interface tension")
-    contact_angle: float = parameter(90.0, unit="deg", minimum=0.0, maximum=180.0,
+    contact_angle: float = parameter(0.5 * math.pi, unit="rad", minimum=0.0, maximum=math.pi,
                                      meaning="contact angle at the wall, measured through the first liquid")
 
 
 def capillary_limit(coefficient: float, settings) -> float:
-    """Step in which the shortest wave between two liquids without viscosity is followed, s (Brackbill et al. 1992)."""
+    """Step in which the shortest wave between two liquids without viscosity is followed, s [brackbill1992]."""
     density = sum(liquid.density for liquid in settings.liquids[:2])
     return math.sqrt(density * settings.numerics.particle_spacing**3 / (4.0 * math.pi * coefficient))
 
@@ -99,7 +100,7 @@ class InterfaceTension(Effect):
         self.dimension, self.spacing, self.count = solver.dimension, solver.spacing, solver.count
         self.mixes = "volume_fraction" in solver.particles.arrays
         self.fractions = solver.particles.arrays.get("volume_fraction")
-        self.level_set = LevelSet(solver, self.particles.color, math.radians(parameters.contact_angle), self.mixes)
+        self.level_set = LevelSet(solver, self.particles.color, parameters.contact_angle, self.mixes)
         self.grid = self.level_set.grid
         densities = [liquid.density for liquid in solver.liquids]
         self.density_difference = densities[1] - densities[0]
@@ -178,8 +179,9 @@ class InterfaceTension(Effect):
     @classmethod
     def _advice_on_wetting(cls, angle: float, scales, rim: float) -> Advice:
         """Height sqrt(2(1 - sin theta)) capillary lengths of the meniscus at an upright flat wall (Young-Laplace)."""
-        climb = rim * math.sqrt(max(2.0 * (1.0 - math.sin(math.radians(angle))), 0.0))
-        text = f"a contact angle of {angle:g} deg bends the interface at the wall by {times(climb, scales)}"
+        climb = rim * math.sqrt(max(2.0 * (1.0 - math.sin(angle)), 0.0))
+        text = (f"a contact angle of {math.degrees(angle):g} deg bends the interface at the wall by "
+                f"{times(climb, scales)}")
         return Advice(SEEN_EFFECT if is_seen(climb, scales) else NOTE, cls.name, text)
 
     @classmethod
@@ -244,11 +246,12 @@ class InterfaceTension(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 (Galusinski & Vigneaux 2008; the constants are ours).
+        """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 [galusinski2008]; the constants are ours.
 
-        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity (Brackbill et al. 1992), and
+        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity [brackbill1992], and
         t_v = 0.1 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
         shortest wave, which an explicit tension then drives in steps of up to (4/pi) (mu_0 + mu_1) dx / sigma.
+        (A3) of docs/methods/time_step.md.
         """
         if parameters.coefficient == 0.0 or len(settings.liquids) < 2:
             return float("inf")
@@ -341,7 +344,7 @@ class InterfaceTension(Effect):
                             rest = rest % self.level_set.steps[e]
                         kappa = (1.0 - t) * self.level_set.curvature[n] + t * self.level_set.curvature[m]
                         # The surface parallel to this one, as far out as smoothing has drawn it in.
-                        out = DRAWN_IN * self.spacing**2 * kappa
+                        out = DRAWN_IN * self.spacing**2 * kappa  # (I6)
                         wider = 1.0 + out * kappa / (self.dimension - 1)
                         x -= out / length * g
                         kappa /= wider
@@ -349,8 +352,8 @@ class InterfaceTension(Effect):
                             a = ti.abs(g[d]) / length * (wider * self.grid.cell) ** (self.dimension - 1)
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
-                                kappa *= near + t * (far - near)  # exactly 1 at a sharp interface
-                            value = self.coefficient * kappa - self.body_force[None].dot(x)
+                                kappa *= near + t * (far - near)  # (I9): exactly 1 at a sharp interface
+                            value = self.coefficient * kappa - self.body_force[None].dot(x)  # (I1)
                             self.point[place] = x
                             self.point_area[place] = a
                             self.point_jump[place] = value
@@ -433,7 +436,7 @@ class InterfaceTension(Effect):
 
     @ti.func
     def _extended(self, x):
-        """M less its mean, and grad M: weighted mean of the interface points, the far ones in groups."""
+        """M less its mean, and grad M: weighted mean of the interface points, the far ones in groups (I7)."""
         weight = 1e-12 * self.spacing ** (self.dimension - 1)  # of the mean M, for liquid without an interface
         value = 0.0
         weight_gradient = x * 0.0
@@ -479,7 +482,7 @@ class InterfaceTension(Effect):
         """
         for p in range(self.point_count[None]):
             value, _ = self._extended(self.sorted_point[p])
-            self.point_jump[p] = 2.0 * self.sorted_jump[p] - (value + self.mean_jump[None])
+            self.point_jump[p] = 2.0 * self.sorted_jump[p] - (value + self.mean_jump[None])  # (I8)
         for p in range(self.point_count[None]):
             self.sorted_jump[p] = self.point_jump[p]
 
@@ -512,7 +515,7 @@ class InterfaceTension(Effect):
 
     @ti.func
     def potential(self, i):
-        """H (M + b.x): the pressure that this form keeps out of the solve, Pa."""
+        """H (M + b.x): the pressure that this form keeps out of the solve (I2), Pa."""
         return self.particles.jump_weight[i] * (
             self.particles.jump[i] + self.body_force[None].dot(self.particles.position[i]))
 

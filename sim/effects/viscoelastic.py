@@ -1,8 +1,8 @@
-"""Viscoelastic liquids: a Maxwell stress that turns with the liquid (Mao & Yang's non-Newtonian liquids, seed S3).
+"""Viscoelastic liquids: a Maxwell stress that turns with the liquid (docs/methods/collision.md).
 
-The paper names a shear modulus M_s without unit and leaves the model to a report that is not to be had; this is the
-common one of these terms (methods, section 7). The deviatoric stress T of a particle follows
-dT/dt = Omega T - T Omega + 2 M_s dev D - T/lambda with D and Omega the symmetric and the antisymmetric part of grad v:
+[mao, section 6] names a shear modulus M_s without unit and leaves the model to [mao2005], which was not to be had; this
+is the common one of these terms. The deviatoric stress T of a particle follows
+dT/dt = Omega T - T Omega + 2 M_s dev D - T/lambda (H6), D and Omega the symmetric and the antisymmetric part of grad v:
 elastic over times shorter than the relaxation time lambda, a liquid of the viscosity M_s lambda over longer ones. A
 step turns T exactly (Cayley), so that no rotation, however fast, makes stress, and relaxes it exactly. Above the
 yield stress T is scaled back (von Mises: sqrt(3/2 T:T) = sigma_y): what is strained further flows.
@@ -104,7 +104,10 @@ class Viscoelastic(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """0.3 dx / sqrt(M_s/rho) of the stiffest liquid: the pace of its shear waves."""
+        """0.3 dx / sqrt(M_s/rho) of the stiffest liquid, the pace of its shear waves.
+
+        (A5) of docs/methods/time_step.md.
+        """
         density = {liquid.name: liquid.density for liquid in settings.liquids}
         limits = [WAVE_COURANT * settings.numerics.particle_spacing * (density[one.liquid] / one.shear_modulus) ** 0.5
                   for one in parameters.liquids if one.shear_modulus > 0.0]
@@ -128,7 +131,7 @@ class Viscoelastic(Effect):
                     self.pairs.gradient[k])
         correction = moments * 0.0
         if moments.determinant() > SPRAY:
-            correction = moments.inverse()
+            correction = moments.inverse()  # (H5)
         return gradient @ correction, correction
 
     @ti.func
@@ -145,7 +148,7 @@ class Viscoelastic(Effect):
         x = dt * self.relaxation_rate[phase]
         # (1 - exp(-x))/x, without the difference of two nearly equal numbers
         share = ti.select(x < 0.02, 1.0 - 0.5 * x + x * x / 6.0, (1.0 - ti.exp(-x)) / ti.max(x, 1e-10))
-        new = ti.exp(-x) * (turn @ stress @ turn.transpose()) + 2.0 * self.modulus[phase] * dt * share * rate
+        new = ti.exp(-x) * (turn @ stress @ turn.transpose()) + 2.0 * self.modulus[phase] * dt * share * rate  # (H7)
         tension = ti.max(new.trace() / self.dimension, 0.0) * identity  # pressure takes what is compressed
         new -= new.trace() / self.dimension * identity
         mises = ti.sqrt(1.5 * (new * new).sum())
@@ -170,4 +173,4 @@ class Viscoelastic(Effect):
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
         same = ti.select(self.particles.phase[i] == self.particles.phase[j], 1.0, 0.0)
         flux = self.particles.stress_flux[i] + self.particles.stress_flux[j]
-        return (same * self.particles.volume[i] / self.particles.mass[i]) * (flux @ gradient)
+        return (same * self.particles.volume[i] / self.particles.mass[i]) * (flux @ gradient)  # (H8)

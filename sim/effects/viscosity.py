@@ -1,11 +1,12 @@
 """Explicit viscosity by pair forces, across liquids too, with the harmonic mean of the viscosities.
 
-central    a_i = (V_i/m_i) sum_j 2(d+2) mu_ij V_j (v_ij.x_ij)/r^2 G_ij (Monaghan & Gingold 1983, volumes): conserves
+central    a_i = (V_i/m_i) sum_j 2(d+2) mu_ij V_j (v_ij.x_ij)/r^2 G_ij [monaghan1983], with volumes: conserves
            spin as well as momentum, but on an even lattice it is 10 % too stiff or soft, by the direction of the shear.
-laplacian  a_i = (V_i/m_i) sum_j 2 mu_ij V_j (x_ij.G_ij)/r^2 v_ij (Morris et al. 1997): exact to 1 % on lattices too,
+laplacian  a_i = (V_i/m_i) sum_j 2 mu_ij V_j (x_ij.G_ij)/r^2 v_ij [morris1997]: exact to 1 % on lattices too,
            but a drop that spins in a thinner liquid is braked.
 
 The step is limited by dx^2 rho / mu: for aqueous or for coarse tests; oil calls for `viscosity_implicit`.
+Equations: docs/methods/viscosity.md.
 """
 import dataclasses
 from types import MappingProxyType
@@ -66,6 +67,7 @@ class Viscosity(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
+        """(A4) of docs/methods/time_step.md."""
         return explicit_limit(settings)
 
     @classmethod
@@ -98,9 +100,9 @@ class Viscosity(Effect):
     def _acceleration(self, i, mu, v_ij, x_ij, gradient):
         rate = self.factor * mu * self.particles.volume[i] / self.particles.mass[i] / ti.max(
             x_ij.norm_sqr(), 1e-12 * self.solver.spacing**2)
-        a = rate * x_ij.dot(gradient) * v_ij
+        a = rate * x_ij.dot(gradient) * v_ij  # (V2)
         if ti.static(self.central):
-            a = rate * x_ij.dot(v_ij) * gradient
+            a = rate * x_ij.dot(v_ij) * gradient  # (V1)
         return a
 
     @ti.func

@@ -3,7 +3,8 @@
 The matrices are those of ``sim.effects.parts.viscous_forms``.
 
 Measured: error of the velocity of two layers in a channel, viscosities 1400:1, 20 and 40 spacings across each, in 2D,
-support 3 dx, in brackets 2.5 dx (study `validation`, T12); and time of the solve in the eye at 0.4 mm, over that of
+support 3 dx, in brackets 2.5 dx (study `validation`, family `channel`); and time of the solve in the eye at 0.4 mm,
+over that of
 the central form:
 
 central    0.8, 0.5 % (2.4, 3.3 %); 1. The default: the cheaper one of the two that keep the spin of drops.
@@ -12,7 +13,7 @@ strain     1.8, 0.9 % (3.5, 0.6 %); 2.2. As many iterations, each twice as dear.
            lattices too, but stiff on scales of a few spacings: a drop of 6 creeps 10 % too slowly.
 
 M + dt K is symmetric and positive definite; conjugate gradients with the diagonal as preconditioner, started from the
-viscous acceleration of the last step.
+viscous acceleration of the last step. Equations: docs/methods/viscosity.md.
 """
 import dataclasses
 from types import MappingProxyType
@@ -74,6 +75,7 @@ class ViscosityImplicit(Effect):
     does = frozenset({SHEARS, RESISTS})
     excludes = MappingProxyType({SHEARS: "both apply the shear stress"})
     solves = "viscosity"
+    reads = ("maximum_iterations", "viscosity_tolerance")
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -127,7 +129,7 @@ class ViscosityImplicit(Effect):
 
     @ti.kernel
     def _guess(self, dt: float):
-        """The velocity if viscosity does what it did in the last step (after Weiler et al. 2018)."""
+        """The velocity if viscosity does what it did in the last step (after [weiler2018])."""
         for i in range(self.count[None]):
             self.particles.velocity_given[i] = self.particles.velocity[i]
             self.particles.velocity[i] += dt * self.particles.viscous_acceleration[i]
@@ -141,7 +143,7 @@ class ViscosityImplicit(Effect):
     @ti.func
     def _applied(self, v: ti.template(), i, dt):
         """(M + dt K) v of particle i."""
-        return self.form.added(self.particles.mass[i] * v[i], v, i, dt)
+        return self.form.added(self.particles.mass[i] * v[i], v, i, dt)  # (V5)
 
     @ti.kernel
     def _set_residual(self, dt: float):

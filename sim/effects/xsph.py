@@ -1,4 +1,4 @@
-"""XSPH viscosity: every particle takes a share of its neighbors' mean velocity (S2; Monaghan 1989; errata E21).
+"""XSPH viscosity: every particle takes a share of its neighbors' mean velocity [macklin2013, eq. 17; monaghan1989].
 
 After the positions have moved, m_i v_i += sum_j k_ij (v_j - v_i) with W_ij at the new positions and one of
 
@@ -6,12 +6,13 @@ After the positions have moved, m_i v_i += sum_j k_ij (v_j - v_i) with W_ij at t
     k_ij = (2 dt/M) mu_ij V_i V_j W_ij                  the liquids' own viscosities, mu_ij their harmonic mean,
 
 M = integral of x^2 W over space, x one coordinate. Both are the same in k_ij and k_ji, so that the momentum stays
-to round-off; the paper's v_i += c sum_j v_ij W_ij has no volume and the wrong sign. The sum is a Laplacian: c is a
+to round-off; v_i += c sum_j v_ij W_ij [pbf, eq. 10] has no volume and the wrong sign. The sum is a Laplacian: c is a
 kinematic viscosity nu = c M/(2 dt), with M = 5 h^2/72 in 2D and h^2/15 in 3D for Wendland's kernel, h its support. So
 a fixed c is thicker in shorter steps and with larger particles, and 0.5 is the largest that never overshoots.
 
 It brakes spin too, as all forces along the difference of the velocities do: a drop that turns alone comes to rest.
 With `wall: no_slip` a wall particle takes part with the velocity that makes the wall stand still, as in `viscosity`.
+Equations: docs/methods/position_based.md.
 """
 import dataclasses
 from types import MappingProxyType
@@ -42,7 +43,7 @@ class XsphParameters:
 
 def kinematic_viscosity(coefficient: float, time_step: float, numerics, dimension: int) -> float:
     """Return the kinematic viscosity, m2/s, that a coefficient stands for in steps of a length, s."""
-    return coefficient * _moment(numerics, dimension) / (2.0 * time_step)
+    return coefficient * _moment(numerics, dimension) / (2.0 * time_step)  # (B9)
 
 
 def _moment(numerics, dimension: int) -> float:
@@ -92,7 +93,9 @@ class Xsph(Effect):
 
     @classmethod
     def time_step_limit(cls, parameters, settings) -> float:
-        """M rho / (4 mu) of the stiffest liquid: the step in which its viscosity is a coefficient of 0.5."""
+        """M rho / (4 mu) of the stiffest liquid, the step in which its viscosity is a coefficient of 0.5: (A4) of
+        docs/methods/time_step.md.
+        """
         if parameters.coefficient is not None:
             return float("inf")
         moment = _moment(settings.numerics, settings.dimension)
@@ -112,7 +115,7 @@ class Xsph(Effect):
             share = 2.0 * dt / self.moment * mean * self.particles.volume[i] * (
                 self.particles.volume[j] / self.particles.mass[i])
         else:
-            share = self.coefficient * (self.particles.volume[i] + self.particles.volume[j]) * (
+            share = self.coefficient * (self.particles.volume[i] + self.particles.volume[j]) * (  # (B8)
                 self.particles.mass[j] / (self.particles.mass[i] + self.particles.mass[j]))
         return share
 

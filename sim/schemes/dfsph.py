@@ -1,13 +1,14 @@
-"""Divergence-free SPH (Bender & Koschier 2017): two pressure solves per step, for liquids with a free surface.
+"""Divergence-free SPH [bender2017]: two pressure solves per step, for liquids with a free surface.
 
 The density is summed over the masses of the neighbors, rho_i = (sum of m_j W_ij + rho0_i sum of V_b W_ib) / L with
 the sum L of V W over a lattice: a lattice is at rest. Across an interface of two liquids this density is smeared, and
-the pressures there are wrong: that is the method's known error, which S1 compares (the volume form has none).
+the pressures there are wrong: that is the method's known error, in [song, fig. 4] too (the volume form has none).
 
-With kappa_i = p_i/rho_i^2 and the wall pushed by the pressure of the liquid particle alone (Akinci et al. 2012),
+With kappa_i = p_i/rho_i^2 and the wall pushed by the pressure of the liquid particle alone [akinci2012],
 a_i = -sum of m_j (kappa_i + kappa_j) G_ij / L - kappa_i rho0_i sum of V_b G_ib / L is antisymmetric. Each solve is a
 relaxed Jacobi iteration with kappa >= 0, started from the pressure of the step before:
 the divergence solve makes D rho/Dt <= 0 for the velocity, the density solve rho <= rho0 at the end of the step.
+Equations: docs/methods/dfsph.md.
 """
 import dataclasses
 from types import MappingProxyType
@@ -53,6 +54,8 @@ class DFSPH(Scheme):
     name = "dfsph"
     Parameters = DFSPHParameters
     lacks = MappingProxyType({GROWTH: "its density solve has no source for growing volumes"})
+    unread = MappingProxyType({"pressure_tolerance": "schemes.dfsph.density_error and divergence_error",
+                               "maximum_iterations": "schemes.dfsph.maximum_iterations"})
     largest_density_ratio = 10.0  # bounded at 1:100 too, but the light liquid swells by 15 %
     # The density smeared across an interface asks for room that a full cavity lacks: at 1:3 particles are thrown about.
     largest_density_ratio_full = 1.2
@@ -85,6 +88,10 @@ class DFSPH(Scheme):
         self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(2))
         self.relaxation = ti.field(real(), shape=())
 
+    @classmethod
+    def iteration_limit(cls, settings) -> tuple[int, str]:
+        return (settings.scheme or cls.Parameters()).maximum_iterations, "schemes.dfsph.maximum_iterations"
+
     # Densities and the diagonal.
 
     @ti.kernel
@@ -113,10 +120,10 @@ class DFSPH(Scheme):
                 wall_gradient += self.wall_pairs.gradient[k]
             gradient += own * wall_gradient
             self.compression_rate[i] = compression + wall
-            self.density[i] = density + own * wall
+            self.density[i] = density + own * wall  # (D1)
             self.density_gradient_sum[i] = gradient
             # m_i sum of m_j |G_ij|^2: the exact diagonal for unequal masses too (V_j^2 |G_ij|^2 is in the row).
-            self.diagonal[i] = gradient.norm_sqr() + self.volume[i] * own * spread
+            self.diagonal[i] = gradient.norm_sqr() + self.volume[i] * own * spread  # (D4)
 
     def measure(self) -> None:
         """Densities, their gradients and the diagonal of the current neighbor rows."""
@@ -126,7 +133,7 @@ class DFSPH(Scheme):
 
     @ti.func
     def _acceleration(self, kappa: ti.template(), i):
-        """Acceleration of i by the pressure; `kappa_weighted` must be up to date."""
+        """Acceleration of i by the pressure (D2); `kappa_weighted` must be up to date."""
         total = kappa[i] * self.density_gradient_sum[i]
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
@@ -135,7 +142,7 @@ class DFSPH(Scheme):
 
     @ti.func
     def _density_rate(self, v: ti.template(), i):
-        """D rho/Dt of i for velocities (or accelerations) v; `weighted` must hold their products with the weights."""
+        """D rho/Dt of i for velocities (or accelerations) v (D3); `weighted` must hold their products with weights."""
         total = v[i].dot(self.density_gradient_sum[i])
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
@@ -157,7 +164,7 @@ class DFSPH(Scheme):
                 self.source[i] = ti.select(neighbors < self.fewest_neighbors, -1e30, change)
             else:
                 excess = self.density[i] - self.mass[i] / self.volume[i]
-                self.source[i] = ti.select(excess > 0.0, share * excess, excess) + change
+                self.source[i] = ti.select(excess > 0.0, share * excess, excess) + change  # (D5)
 
     @ti.kernel
     def _iterate(self, kappa: ti.template(), dt: float, chebyshev: float):
@@ -170,7 +177,7 @@ class DFSPH(Scheme):
             compression = self.source[i] + dt * dt * self._density_rate(self.pressure_acceleration, i)
             now = kappa[i]
             step = now + self.relaxation[None] * compression / ti.max(dt * dt * self.diagonal[i], 1e-30)
-            step = ti.max(self.kappa_before[i] + chebyshev * (step - self.kappa_before[i]), 0.0)
+            step = ti.max(self.kappa_before[i] + chebyshev * (step - self.kappa_before[i]), 0.0)  # (D6)
             kappa[i] = step
             self.kappa_before[i] = now
             self.kappa_weighted[i] = step * self.density_weight[i]
@@ -214,6 +221,7 @@ class DFSPH(Scheme):
             if iterations >= fewest and self.residual_mean[None] <= tolerance and (
                     self.residual_maximum[None] <= self.parameters.largest_error * tolerance):
                 break
+            # (D7)
             weight = 1.0 / (1.0 - 0.5 * radius**2) if iterations == 1 else 1.0 / (1.0 - 0.25 * radius**2 * weight)
         self._accelerate_by_pressure(kappa, dt)
         return iterations, self.residual_mean[None], self.residual_maximum[None]
@@ -295,7 +303,7 @@ class DFSPH(Scheme):
     @ti.kernel
     def _move(self, dt: float):
         for i in range(self.count[None]):
-            self.pressure[i] = self.density[i] ** 2 * (self.density_kappa[i] + self.divergence_kappa[i])
+            self.pressure[i] = self.density[i] ** 2 * (self.density_kappa[i] + self.divergence_kappa[i])  # (D8)
             x, v = self.wall_stop.stopped(i, self.position[i] + dt * self.velocity[i], self.velocity[i])
             self.position[i] = x
             self.velocity[i] = v

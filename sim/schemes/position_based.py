@@ -1,4 +1,4 @@
-"""Position-based fluids (S2; Macklin & Mueller 2013), for one liquid and for several.
+"""Position-based fluids [macklin2013; pbf, eqs. 1-4], for one liquid and for several (docs/methods/position_based.md).
 
 A step moves every particle with its velocity, x* = x + dt v, and then corrects x* until no particle is denser than at
 rest. With the compression rate Gamma_i = sum of V_j W_ij over liquid and wall, S_i its gradient and Gamma_0 its value
@@ -7,14 +7,14 @@ at rest, one iteration finds the multipliers of C_i = Gamma_i/Gamma_0 - 1 <= 0 a
     pi_i = omega (Gamma_i - Gamma_0) / (V_i [|S_i|^2/m_i + sum_j |V_j G_ij|^2/m_j + epsilon]),  0 where C_i <= 0,
     dx_i = -(V_i/m_i) [pi_i S_i + sum_j pi_j V_j G_ij + sum_b pi_b V_b G_ib].
 
-In S2's notation lambda_i = -V_i pi_i. What differs from S2, and why (numbers of the errata in the methods): the number
-density form and the masses in the sum serve two densities (E22, E26), and sum m_i dx_i = 0 holds away from walls for
-any volumes and masses; the constraint is an inequality (E19), or by `constraint` an equality that pulls, only where
-there is a free surface, and an equality about the mean compression in a full cavity; the rest value is that of the
-lattice (E24); neighbors are found once per step, at x (a second search at x* changes a dam's front by less than 1 %, as
-another time step does); W and its gradient are the project's, one the gradient of the other, where S2 takes poly6 for
-one and spiky for the other; wall particles take the mean multiplier of the liquid around them (E20): where pi_i alone
-pushed, the pressure of a column 20 dx high was off by 25 %, so by 4 %.
+The lambda_i of the papers is -V_i pi_i. What differs from [pbf], and why: the number density form and the masses in the
+sum serve two densities, and sum m_i dx_i = 0 holds away from walls for any volumes and masses; the constraint is an
+inequality, or by `constraint` an equality that pulls, only where there is a free surface, and an equality about the
+mean compression in a full cavity; the rest value is that of the lattice; neighbors are found once per step, at x (a
+second search at x* changes a dam's front by less than 1 %, as another time step does); W and its gradient are the
+project's, one the gradient of the other, where [pbf, eqs. 5, 6] takes poly6 for one and spiky for the other; wall
+particles take the mean multiplier of the liquid around them: where pi_i alone pushed, the pressure of a column 20 dx
+high was off by 25 %, so by 4 %.
 
 The sum of the multipliers is a pressure: m_i (x_i(t + dt) - x*_i)/dt^2 is the force -V_i sum_j V_j (p_i + p_j) G_ij of
 p_i = (sum over iterations of pi_i)/dt^2.
@@ -34,8 +34,8 @@ from sim.runtime import real, real_numpy
 from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
-PAPER_DENSITY = 1.25  # S2's rest density in particles per dx^d: its liquid shrinks to 80 % (E24)
-PLAIN_ITERATIONS = 3  # iterations before the Chebyshev weights set in (Wang 2015: contacts have to settle first)
+PAPER_DENSITY = 1.25  # particles per dx^d at rest [pbf, section Initialization]: the liquid shrinks to 80 %
+PLAIN_ITERATIONS = 3  # iterations before the Chebyshev weights set in (contacts have to settle first [wang2015])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,9 +61,9 @@ class PositionBasedParameters:
         0.0, unit="1/s", minimum=0.0, maximum=1e3,
         meaning="acceleration over dx and vorticity; not momentum conserving: for looks, off for measurements")
     walls: str = parameter("particles", choices=("particles", "clamp"),
-                           meaning="wall particles, or S2's plain clamping of positions, at which particles stick")
+                           meaning="wall particles, or a plain clamping of positions, at which particles stick")
     rest_density: str = parameter("lattice", choices=("lattice", "paper"),
-                                  meaning="that of the lattice, or S2's 1.25 particles per dx^d")
+                                  meaning="that of the lattice, or the paper's 1.25 particles per dx^d")
 
 
 @ti.data_oriented
@@ -75,6 +75,8 @@ class PositionBased(Scheme):
     Parameters = PositionBasedParameters
     lacks = MappingProxyType({
         GROWTH: "the overlap of a particle that splits becomes velocity within one step"})
+    unread = MappingProxyType(dict.fromkeys(("pressure_tolerance", "maximum_iterations"),
+                                            "schemes.position_based.iterations"))
     largest_density_ratio = 10.0  # two layers keep their volume within 1 %; at 1:1000 they grow by 2.8 %
     fields = (
         Field("pressure", "scalar", "Pa", "sum of the multipliers of a step over dt^2", carried=True),
@@ -103,7 +105,7 @@ class PositionBased(Scheme):
         self.clearance = 0.0 if self.clamps else WALL_CLEARANCE * self.spacing
         squares, eigenvalue = self._lattice_gradients()
         self.softening = chosen.softness * squares  # 1/m^2
-        self.omega = chosen.relaxation * 2.0 / eigenvalue
+        self.omega = chosen.relaxation * 2.0 / eigenvalue  # (B6)
         self.rest = ti.field(real(), shape=())  # Gamma_0
         self.partial = partial_results(3)
         self.rest[None] = PAPER_DENSITY
@@ -179,7 +181,7 @@ class PositionBased(Scheme):
     def project(self, dt: float) -> dict[str, float]:
         """Correct the predicted positions, and take the velocity from them; return statistics.
 
-        The Chebyshev weights (Wang 2015) are linear in earlier displacements: they keep the momentum too.
+        The Chebyshev weights [wang2015] are linear in earlier displacements: they keep the momentum too.
         """
         self._predict(dt)
         weight, radius = 1.0, self.parameters.acceleration
@@ -229,14 +231,16 @@ class PositionBased(Scheme):
                     slope += (self.walls.volume[b] * self.kernel.gradient_factor(r)) * x_ib
             excess = total - self.rest[None]
             if ti.static(self.pushes_only):
-                excess = ti.max(excess, 0.0)  # E19: a free surface does not pull
-            self.violation[i] = excess / self.rest[None]
+                excess = ti.max(excess, 0.0)  # a free surface does not pull
+            self.violation[i] = excess / self.rest[None]  # (B1)
             squares += (slope.norm_sqr() + self.softening) / self.mass[i]
-            self.multiplier[i] = self.omega * excess / (self.volume[i] * squares)
+            self.multiplier[i] = self.omega * excess / (self.volume[i] * squares)  # (B2)
 
     @ti.func
     def _artificial_pressure(self, i, j, r):
-        """s_corr of S2 as a multiplier, the same for i and j: k dx^2 (W(r)/W(dq h))^n times the mean density."""
+        """s_corr [macklin2013, eq. 13] as a multiplier, the same for i and j (B4): k dx^2 (W(r)/W(dq h))^n times the
+        mean density.
+        """
         near = self.parameters.artificial_pressure_radius * self.kernel.support_radius
         ratio = self.kernel.value(r) / self.kernel.value(near)
         density_i, density_j = self.mass[i] / self.volume[i], self.mass[j] / self.volume[j]
@@ -274,7 +278,7 @@ class PositionBased(Scheme):
                     x_ib = self.search.separation(x, self.walls.position[b])
                     both = own + self.wall_multiplier[b]
                     total += (both * self.walls.volume[b] * self.kernel.gradient_factor(x_ib.norm())) * x_ib
-            self.correction[i] = -self.volume[i] / self.mass[i] * total
+            self.correction[i] = -self.volume[i] / self.mass[i] * total  # (B3)
 
     @ti.kernel
     def _correct(self, weight: float, stop: int):
@@ -307,7 +311,7 @@ class PositionBased(Scheme):
             contacts = 0
             for i in range(first(block, n), last(block, n)):
                 self.velocity[i] = self.displacement[i] / dt
-                self.pressure[i] = self.multiplier_sum[i] / (dt * dt)
+                self.pressure[i] = self.multiplier_sum[i] / (dt * dt)  # (B5)
                 violation = ti.cast(ti.abs(self.violation[i]), ti.f64)
                 total += violation
                 largest = ti.max(largest, violation)
@@ -331,7 +335,7 @@ class PositionBased(Scheme):
 
     @ti.kernel
     def _confine_vorticity(self, dt: float):
-        """a_i = strength dx N x omega with N = grad|omega| over its length (Fedkiw et al. 2001)."""
+        """a_i = strength dx N x omega with N = grad|omega| over its length [fedkiw2001] (B7)."""
         for i in range(self.count[None]):
             x, total = self.predicted_position[i], ti.Vector([0.0, 0.0, 0.0])
             for slot in range(self.pairs.count[i]):

@@ -10,7 +10,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 
@@ -18,7 +18,7 @@ from sim.fields import Field
 
 if TYPE_CHECKING:  # the settings ask for the names of the schemes
     from sim.advice import Limit
-    from sim.settings import Settings
+    from sim.settings import Numerics, Settings
 
 GROWTH = "volumes that grow and shrink"  # what a scheme can lack that an effect needs
 
@@ -51,6 +51,7 @@ class Scheme(abc.ABC):
     lacks : what it cannot do that effects need (`Effect.needs`), with the reason.
     refuses : effects that it cannot run for that, with the reason.
     one_sided : whether it answers liquid that is too dense only, so that nothing but the step holds what is stretched.
+    unread : fields of the numerics that it does not read -> what takes their place, in words.
     largest_density_ratio : of two liquids, up to which it was shown to work.
     largest_density_ratio_full : the same in a full cavity, where liquids cannot give way; None where it is the same.
     """
@@ -62,20 +63,28 @@ class Scheme(abc.ABC):
     lacks: Mapping[str, str] = MappingProxyType({})
     refuses: Mapping[str, str] = _Refusals()
     one_sided: bool = False
+    unread: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
     largest_density_ratio_full: float | None = None
+
+    if TYPE_CHECKING:  # the fields are attributes
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init__(self, solver):
         self.solver = solver
         self.parameters = solver.settings.scheme or self.Parameters()
-        self.numerics = solver.settings.numerics
-        self.spacing = self.numerics.particle_spacing
+        self.spacing = solver.settings.numerics.particle_spacing
         self.search, self.walls = solver.search, solver.walls
         self.pairs, self.wall_pairs, self.wall_rows = self.search.pairs, self.search.wall_pairs, self.search.wall_rows
         self.count = solver.particles.count
         for name in ("position", "velocity", "velocity_at_start", "acceleration", "volume", "mass", "phase",
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
+
+    @property
+    def numerics(self) -> "Numerics":
+        """The present numerics."""
+        return self.solver.settings.numerics
 
     @classmethod
     def density_ratio_limit(cls, closed: bool) -> float:
@@ -87,6 +96,11 @@ class Scheme(abc.ABC):
     def time_step_limit(cls, settings) -> float:
         """Part of `stable_time_step` that follows from the settings alone, known before anything is compiled, s."""
         return float("inf")
+
+    @classmethod
+    def iteration_limit(cls, settings: "Settings") -> tuple[int, str]:
+        """Most iterations of a pressure solve, and the key that sets them."""
+        return settings.numerics.maximum_iterations, "numerics.maximum_iterations"
 
     @classmethod
     def expected_time_step_limit(cls, scales) -> "Limit | None":
@@ -105,7 +119,9 @@ class Scheme(abc.ABC):
 
     @ti.func
     def kernel_sums(self, i):
-        """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall."""
+        """Compression rate Gamma_i = sum of V_j W_ij, and S_i = sum of V_j grad_i W_ij, over liquid and wall: (K3) of
+        docs/methods/kernels.md.
+        """
         total = self.volume[i] * self.search.kernel.at_zero
         gradient = self.velocity[i] * 0.0
         for slot in range(self.pairs.count[i]):

@@ -1,8 +1,8 @@
 """Volume-incompressible SPH: here for a completely full closed cavity, with pressures of either sign.
 
 One divergence-free solve for the velocity, and a correction of the volume error that moves positions only
-(S1 section III-A with the corrections that a cavity without free surface needs: the constant-volume solve of the
-paper, fed back into the velocity, destroys a still tank).
+([song, section III-A] with the corrections that a cavity without free surface needs: the constant-volume solve of the
+paper, fed back into the velocity, destroys a still tank). Equations: docs/methods/pressure.md.
 """
 import numpy as np
 import taichi as ti
@@ -22,7 +22,8 @@ CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disordered sets; pressures >= 0 hold
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
-SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this
+SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this:
+# both are chosen on that vortex, so it judges everything but them
 RESIDUAL = 2.0  # mean residual of the pressure, over the tolerance times the way of the fastest particle in the step,
 # in spacings: liquids that come to rest in an eye are 3 % too fast with it, at half the iterations of a value of 1
 RESISTED = 1.0  # nu dt/dx^2 from which the pressure counts with viscosity; where it does not matter, a more exact
@@ -60,7 +61,6 @@ class VolumeIncompressible(Scheme):
         self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum, solver.effects)
         self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
-        self.wall_compression = ti.field(real(), shape=walls)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
         self.partial = partial_results(2)
@@ -88,12 +88,6 @@ class VolumeIncompressible(Scheme):
                 self.kernel_gradient_sum[i] = gradient
                 mean += total
             self.partial[0, block] = mean
-        for b in range(self.walls.count):
-            total = 0.0
-            for slot in range(self.wall_rows.count[b]):
-                k = self.wall_rows.entry(b, slot)
-                total += self.wall_rows.weight[k]
-            self.wall_compression[b] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.compression_mean[None] = total_of(self.partial, 0, n) / n
@@ -105,7 +99,7 @@ class VolumeIncompressible(Scheme):
 
     def set_rest_state(self) -> None:
         """Take the present compression of the wall rows as that of rest (packed start)."""
-        self.wall_compression_rest.copy_from(self.wall_compression)
+        self.wall_compression_rest.copy_from(self.operators.wall_weight)
 
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver
@@ -125,7 +119,7 @@ class VolumeIncompressible(Scheme):
         """Let the pressure of the last step act, so that implicit viscosity sees forces that nearly balance.
 
         Without it viscosity answers forces that the solve takes away again only after it, and what is left, in
-        proportion to the time step, stirs the oil (incremental pressure correction: van Kan 1986).
+        proportion to the time step, stirs the oil (incremental pressure correction [vankan1986]).
         """
         self._soften(dt)
         self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
@@ -147,7 +141,7 @@ class VolumeIncompressible(Scheme):
                 weight += self.pairs.weight[k]
             travel = dt * self.solver.velocity_at_start[i].norm() / self.spacing
             share = ti.min(1.0, (travel / SOFTENED) ** 2)
-            self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])
+            self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])  # (P8)
         for i in range(self.count[None]):
             self.pressure[i] = self.pressure_change[i]
 
@@ -163,7 +157,7 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _add_change(self, viscous_dt: float):
         """To the change that masses ask for comes what viscosity asks for, mu times the compression that was left to
-        the solve (rotational pressure correction: Timmermans, Minev & Van de Vosse 1996): else a pressure that has to
+        the solve (rotational pressure correction [timmermans1996]): else a pressure that has to
         balance forces on viscous liquid takes many steps to form, and oil moves too fast meanwhile.
         """
         for i in range(self.count[None]):
@@ -171,7 +165,7 @@ class VolumeIncompressible(Scheme):
             for effect in ti.static(self.viscous_effects):
                 reach = ti.min(effect.implicit_viscosity(i) * viscous_dt,
                                ROTATION_LIMIT * self.spacing**2 * self.mass[i] / self.volume[i])
-                change += reach * self.pressure_solver.right_side[i] / self.volume[i]
+                change += reach * self.pressure_solver.right_side[i] / self.volume[i]  # (P7)
             self.pressure[i] += change
 
     def _take(self, dt: float, viscous_dt: float) -> None:
@@ -205,7 +199,7 @@ class VolumeIncompressible(Scheme):
                     k = self.pairs.entry(i, slot)
                     j = self.pairs.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
-                rate += self.volume[i] * total
+                rate += self.volume[i] * total  # (P4)
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
@@ -229,7 +223,7 @@ class VolumeIncompressible(Scheme):
         ti.loop_config(serialize=True)
         for _ in range(1):
             mean = total_of(self.partial, 0, n) / n
-            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean
+            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean  # (P9)
         for i in range(self.count[None]):
             self.pressure[i] += self.gauge[None]
 
@@ -242,11 +236,11 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
-            error = self.wall_compression[b] - self.wall_compression_rest[b]
+            error = self.operators.wall_weight[b] - self.wall_compression_rest[b]
             self.operators.wall_value[b] = self.operators.over_wall_weight(b, error)
         for i in range(self.count[None]):
             error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
-            self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error
+            self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error  # (P11)
 
     @ti.func
     def _separation(self, i):
@@ -277,7 +271,7 @@ class VolumeIncompressible(Scheme):
             shift = self.operators.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
             shift += self._separation(i)
             length = shift.norm()
-            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))
+            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))  # (P10)
         for i in range(self.count[None]):
             x, v = self.wall_stop.stopped(i, self.position[i] + self.displacement[i], self.velocity[i])
             self.position[i] = x

@@ -1,5 +1,6 @@
 """Volume-incompressible SPH with pressures p >= 0: for free surfaces, and for full cavities of a high density ratio
-(S1 section III-A and Algorithm 1, corrected: methods E6, E8, E13).
+([song, section III-A, algorithm 1], with pair forces that cancel, masses in the diagonal and the pressure as the last
+part of a step). Equations: docs/methods/pressure.md.
 
 The compression rate Gamma_i = sum of V_j W_ij counts rest volumes, so nothing is smeared where two liquids of
 different density meet. Two solves per step share one symmetric matrix, both with p >= 0: the divergence solve makes
@@ -67,7 +68,10 @@ class VolumeIncompressibleClamped(Scheme):
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
 
     def stable_time_step(self) -> float:
-        """0.1 sqrt(dx/a) where a light liquid meets a heavy one, which throws it about in larger steps (measured)."""
+        """0.1 sqrt(dx/a) where a light liquid meets a heavy one, which throws it about in larger steps (measured).
+
+        (A6) of docs/methods/time_step.md.
+        """
         densities = [liquid.density for liquid in self.solver.liquids]
         acceleration = self.solver.largest[1]
         if acceleration == 0.0 or max(densities) <= LARGE_DENSITY_RATIO * min(densities):

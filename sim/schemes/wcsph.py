@@ -1,11 +1,11 @@
-"""Weakly compressible SPH: the pressure follows from the density by the Tait equation (Becker & Teschner 2007).
+"""Weakly compressible SPH: the pressure follows from the density by the Tait equation [becker2007].
 
 p_i = rho0_i c^2/n (J_i^n - 1) with the density ratio J_i = rho_i/rho0_i. Everything is written with rest volumes, so
 that the jump of the density between two liquids is not smeared: F_ij = -V_i V_j (p_i + p_j) G_ij is antisymmetric and
 dJ_i/dt = sum of V_j (v_i - v_j).G_ij is its adjoint, so pressure work and compression balance.
-J_i is advanced by that continuity equation with the diffusion of Molteni & Colagrossi (2009), here of the pressure
-less its hydrostatic part (Fourtakas et al. 2019), so that it acts across liquids; or it is summed, J_i = Gamma_i
-over that of a lattice. Wall particles take the pressure of the liquid around them and its weight (Adami et al. 2012).
+J_i is advanced by that continuity equation with the diffusion of [molteni2009], here of the pressure less its
+hydrostatic part [fourtakas2019], so that it acts across liquids; or it is summed, J_i = Gamma_i over that of a lattice.
+Wall particles take the pressure of the liquid around them and its weight [adami2012]. Equations: docs/methods/wcsph.md.
 """
 import dataclasses
 import math
@@ -23,7 +23,7 @@ from sim.schemes.scheme import GROWTH, Scheme
 from sim.smoothing_kernels import lattice_sum
 
 MACH = 0.1  # largest speed over the speed of sound: densities then vary by about 1 %
-SHIFT_WEIGHT = 1.0  # shift along -S_i, in dx |u|max dt (Lind et al. 2012), only in a cavity without free surface
+SHIFT_WEIGHT = 1.0  # shift along -S_i, in dx |u|max dt [lind2012], only in a cavity without free surface
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +52,8 @@ class WCSPH(Scheme):
     name = "wcsph"
     Parameters = WCSPHParameters
     lacks = MappingProxyType({GROWTH: "it has no pressure solve that could take up the growing volumes"})
+    unread = MappingProxyType(dict.fromkeys(("pressure_tolerance", "maximum_iterations"),
+                                            "the equation of state, which needs no solve"))
     largest_density_ratio = 100.0  # two layers at rest keep 1.1 % of rho g H; at 1:1000 particles pile up
     largest_density_ratio_full = 10.0  # liquids that change places in a full cavity gain energy at 1:30
     fields = (
@@ -69,7 +71,7 @@ class WCSPH(Scheme):
         super().__init__(solver)
         self.closed = solver.settings.closed
         self.smoothing_length = 0.5 * solver.support_radius
-        self.sound_speed = self.parameters.sound_speed or self.expected_speed() / MACH
+        self.sound_speed = self.parameters.sound_speed or self.expected_speed() / MACH  # (W6)
         self.continuity = self.parameters.density == "continuity"
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
@@ -139,7 +141,7 @@ class WCSPH(Scheme):
             self.kernel_gradient_sum[i] = gradient
             self.divergence[i] = divergence + self.velocity[i].dot(gradient)
             if ti.static(not self.continuity):
-                self.density_ratio[i] = total / self.compression_at_rest
+                self.density_ratio[i] = total / self.compression_at_rest  # (W5)
 
     def measure(self) -> None:
         """Compression rates and gradient sums of the current neighbor rows; with `summation` the densities too."""
@@ -172,7 +174,7 @@ class WCSPH(Scheme):
         c2, n = self.sound_speed**2, self.parameters.exponent
         bulk = self.parameters.acoustic_damping * self.sound_speed * self.smoothing_length
         for i in range(self.count[None]):
-            p = self._rest_density(i) * (
+            p = self._rest_density(i) * (  # (W1)
                 c2 / n * (ti.pow(self.density_ratio[i], n) - 1.0) + bulk * self.divergence[i])
             if ti.static(not self.closed):
                 p = ti.max(p, 0.0)  # a free surface does not pull
@@ -187,7 +189,7 @@ class WCSPH(Scheme):
                 total += self.wall_rows.weight[k] * (
                     self.pressure[j] + self._rest_density(j) * self.acceleration[j].dot(away))
                 weight += self.wall_rows.weight[k]
-            p = ti.select(weight > 0.0, total / ti.max(weight, 1e-20), 0.0)
+            p = ti.select(weight > 0.0, total / ti.max(weight, 1e-20), 0.0)  # (W3)
             if ti.static(not self.closed):
                 p = ti.max(p, 0.0)
             self.wall_pressure[b] = p
@@ -203,7 +205,7 @@ class WCSPH(Scheme):
                 approach = ti.min((v - self.velocity[j]).dot(x_ij), 0.0) / ti.max(
                     x_ij.norm_sqr(), 1e-12 * self.spacing**2)
                 viscous = 0.5 * damping * (density + self._rest_density(j)) * approach
-                force -= (p + self.pressure[j] - viscous) * self.pairs.gradient[k]
+                force -= (p + self.pressure[j] - viscous) * self.pairs.gradient[k]  # (W2)
             for slot in range(self.wall_pairs.count[i]):
                 k = self.wall_pairs.entry(i, slot)
                 force -= (p + self.wall_pressure[self.wall_pairs.index[k]]) * self.wall_pairs.gradient[k]
@@ -235,14 +237,14 @@ class WCSPH(Scheme):
             for slot in range(self.wall_pairs.count[i]):
                 k = self.wall_pairs.entry(i, slot)
                 rate += v.dot(self.wall_pairs.gradient[k])
-            self.density_ratio_rate[i] = rate + diffusion * flux / (density * c2)
+            self.density_ratio_rate[i] = rate + diffusion * flux / (density * c2)  # (W4)
         for i in range(self.count[None]):
             self.density_ratio[i] += dt * self.density_ratio_rate[i]
 
     @ti.kernel
     def _move(self, dt: float, shift: float):
         for i in range(self.count[None]):
-            x = self.position[i] + dt * self.velocity[i] - shift * self.kernel_gradient_sum[i]
+            x = self.position[i] + dt * self.velocity[i] - shift * self.kernel_gradient_sum[i]  # (W7)
             x, v = self.wall_stop.stopped(i, x, self.velocity[i])
             self.position[i] = x
             self.velocity[i] = v

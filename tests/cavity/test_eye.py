@@ -51,7 +51,7 @@ def test_surface_is_closed_and_even(axial_length, lens):
 
 
 def test_volume_follows_published_regression():
-    """F3 (144 operated eyes): within 3 % from 20 to 30 mm with the own lens, exact to 0.2 % at 24 mm."""
+    """144 operated eyes [santana, abstract]: within 3 % from 20 to 30 mm with the own lens, exact to 0.2 % at 24 mm."""
     assert published_volume(0.024) == pytest.approx(5.05e-6, rel=1e-3)
     for length in (0.020, 0.022, 0.024, 0.026, 0.028, 0.030):
         volume = eye_mesh(eye_shape(length)).volume
@@ -66,7 +66,7 @@ def test_lens_states_differ_by_the_lens():
 
 
 def test_measured_diameters_give_measured_volume():
-    """F1: diameters 22.46 and 23.29 mm belong to 5.48 +- 0.44 mL."""
+    """[pubmed19176097, abstract]: diameters 22.46 and 23.29 mm belong to 5.48 +- 0.44 mL."""
     volume = eye_mesh(eye_shape(horizontal_diameter=22.46e-3, vertical_diameter=23.29e-3)).volume
     assert volume == pytest.approx(5.48e-6, abs=0.44e-6)
 
@@ -238,3 +238,9 @@ def test_surface_survives_its_file(tmp_path):
     assert report["lens"] == "aphakic"
     with pytest.raises(UserError, match="the eye stage"):
         read_mesh(tmp_path / "missing.vtp")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1e-3), ("cm", 0.1), ("um", 1e3)])
+def test_mesh_is_taken_in_its_unit(eye, tmp_path, unit, factor):
+    mesh = import_mesh(exported(eye.copy().apply_scale(factor), tmp_path), unit).mesh
+    assert mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-5)

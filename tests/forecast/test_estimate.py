@@ -30,6 +30,7 @@ from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.study_kit.plan import load_study
+from pipeline.study_kit.tradeoff import orders_of, points_of
 
 SCENES = ROOT / "config" / "scenes"
 LEVELS = tuple(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
@@ -348,6 +349,18 @@ def test_errors_that_the_project_comes_with_are_those_of_its_study():
     for name, family in families.items():
         assert rows[name]["quantity"] == family.HEADLINE and float(rows[name]["per_width"]) == family.PER_WIDTH
         assert rows[name]["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+
+
+@pytest.mark.parametrize("name", ["diffusion", pytest.param("channel", marks=pytest.mark.slow)])
+def test_errors_that_the_project_comes_with_are_found_again(taichi, name):
+    with SHIPPED.open(newline="", encoding="utf-8") as file:
+        shipped = next(row for row in csv.DictReader(file) if row["case"] == name)
+    base = next(case for case in load_study("accuracy", "draft").cases.values()
+                if case.family.__name__.endswith(f".{name}"))
+    found, = orders_of(name, base.family, points_of([base], [base.run()]))
+    assert found["resolution"] == int(shipped["resolution"])
+    assert found["error"] == pytest.approx(float(shipped["error"]), rel=0.01)
+    assert found["order"] == pytest.approx(float(shipped["order"]), abs=0.05)
 
 
 def test_own_study_counts_more_than_what_the_project_comes_with(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ VALUES = {"interface_tension": {"coefficient": 0.04}, "diffusion": {"coefficient
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("case", CASES)
-def test_a_solver_allocates_what_is_foretold(taichi, case, dimension):
+def test_a_solver_allocates_what_is_foretold(anew, case, dimension):
     names, numerics = CASES[case]
     arrays = cavities.cavity("box", (0.03,) * dimension if dimension == 2 else (0.012,) * 3, dimension)
     gc.collect()

@@ -72,7 +72,7 @@ def test_stage_writes_page_picture_and_table_beside_the_levels(level, tmp_path, 
     assert (rows["speed rms"]["draft"], rows["speed rms"]["standard"]) == ("4", "6")
     assert rows["time steps"]["standard"] == "150"
     page = (tmp_path / "tiny" / "compare_draft_standard.html").read_text()
-    assert "draft and standard" in page and "data:image/png;base64" in page and page.count('class="much"') == 1
+    assert "draft and standard" in page and "data:image/png;base64" in page and page.count('class="marked"') == 1
     assert Image.open(tmp_path / "tiny" / "compare_draft_standard.png").width > 1000
     assert "standard took 1.5 times the computing time of draft" in capsys.readouterr().out
 

@@ -1,5 +1,6 @@
 """Metrics agree with closed forms, and each becomes a column, a plot and a row of the report."""
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -145,7 +146,7 @@ def test_wall_under_a_thin_wedge_is_not_touched(dimension, angle, fill, toleranc
 
 def test_angle_is_measured_through_the_liquid_that_is_not_oil(sphere):
     state = make_state(sphere, np.ones(len(sphere["fluid_position"])))
-    tension = InterfaceTensionParameters(coefficient=0.04, contact_angle=30.0)
+    tension = InterfaceTensionParameters(coefficient=0.04, contact_angle=np.radians(30.0))
     wetting = dataclasses.replace(state.scene, effects={"interface_tension": tension})
     oil_first = dataclasses.replace(wetting, liquids=(OIL, AQUEOUS))
     assert state.contact_angle is None
@@ -249,7 +250,7 @@ def test_stress_on_the_retina_of_an_eye_that_turns(sphere):
     position = sphere["fluid_position"]
     depth = RADIUS - np.linalg.norm(position, axis=1)
     around = np.stack([position[:, 2], np.zeros(len(position)), -position[:, 0]], axis=1) / RADIUS
-    rotation = EyeRotationParameters(saccades=(Saccade(0.0, 20.0),))
+    rotation = EyeRotationParameters(saccades=(Saccade(0.0, np.radians(20.0)),))
     scene = dataclasses.replace(make_scene(), effects={"eye_rotation": rotation})
     state = make_state(sphere, np.ones(len(position)), time=0.065)
     frame = dataclasses.replace(state.frame, velocity=3.0 * depth[:, None] * around)
@@ -294,7 +295,7 @@ def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     mixing = dataclasses.replace(scene, effects={"diffusion": DiffusionParameters(1e-6)})
     assert metrics.metrics_of(mixing) == [one for one in metrics.METRICS if not one.of_rotation]
     turning = dataclasses.replace(scene, effects=mixing.effects | {
-        "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, 9.0),))})
+        "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, np.radians(9.0)),))})
     assert metrics.metrics_of(turning) == metrics.METRICS
 
 
@@ -392,3 +393,14 @@ def test_damaged_table_is_named(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(UserError, match=r"a.csv: is"):
         read_table(tmp_path / "a.csv")
+
+
+def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
+    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_000", "segment_001")),
+                  "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
+    table, page = read_table(run_folder / "metrics.csv"), (run_folder / "metrics.html").read_text()
+    cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", row) for row in page.split("<tr>")) if row}
+    for name, column in (("wall coverage", "wall_coverage [%]"), ("time", "time [s]")):
+        numbers = table[column]
+        shown = [float(cell) for cell in cells[name][:4]]
+        assert shown == pytest.approx([numbers[0], numbers[-1], numbers.min(), numbers.max()], rel=1e-4)

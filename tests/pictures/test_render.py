@@ -13,7 +13,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.pictures import opengl
 from pipeline.pictures.eye_view import FREE_COLOR, TOUCH_COLOR, peel
-from pipeline.pictures.section_panel import COLORS, posture
+from pipeline.pictures.section_panel import COLORS, Eye, SectionPanel, posture
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_scene
 from pipeline.surfaces.liquid_surface import Reconstructor
@@ -191,3 +191,51 @@ def test_movie_errors_are_sentences(tmp_path):
     with pytest.raises(UserError, match="--fps"):
         movie.main([str(tmp_path), *output, "--fps", "0"])
     assert not (tmp_path / "movie.mp4").exists()
+
+
+def test_movie_lasts_as_long_as_its_pictures(tmp_path):
+    for index in range(12):
+        Image.new("RGB", (64, 48), (20 * index, 0, 0)).save(tmp_path / f"frame_{index:05d}.png")
+    movie.main([str(tmp_path), "--output", str(tmp_path / "movie.mp4"), "--fps", "8"])
+    about = next(imageio_ffmpeg.read_frames(tmp_path / "movie.mp4"))
+    assert about["fps"] == pytest.approx(8.0) and about["duration"] == pytest.approx(1.5)
+
+
+def corner_of_gravity(gravity):
+    """Return rows and columns of the ink in the corner of a section where gravity is shown, without the words."""
+    axis, size = 1e-3 * np.arange(-14, 15), 500
+    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
+                         (size, size))
+    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
+    return np.nonzero((pixels[:round(0.14 * size), round(0.83 * size):round(0.95 * size)] < 100).all(axis=-1))
+
+
+@pytest.mark.parametrize(("gravity", "right", "down"), [
+    ((0.0, -9.81, 0.0), 0, 1), ((0.0, 9.81, 0.0), 0, -1), ((0.0, 0.0, -9.81), 1, 0), ((0.0, 0.0, 9.81), -1, 0)],
+    ids=["upright", "head down", "supine", "prone"])
+def test_arrow_points_where_gravity_does(gravity, right, down):
+    """Superior is up and posterior is right; the head of the arrow has more ink than its tail."""
+    rows, columns = corner_of_gravity(gravity)
+    assert len(rows) > 100
+    for places, towards in ((columns, right), (rows, down)):
+        middle = 0.5 * (places.min() + places.max())
+        assert np.sign(round((places.mean() - middle) / 2.0)) == towards
+
+
+def test_gravity_across_the_section_is_a_dot_toward_the_reader_and_a_cross_away():
+    """The reader looks from the patient's left, where a patient on the left side falls to; a cross has more ink."""
+    left, right = (len(corner_of_gravity((x, 0.0, 0.0))[0]) for x in (9.81, -9.81))
+    assert left > 100 and right > left + 50
+
+
+def test_color_bar_names_each_liquid_at_the_end_of_its_color(run_folder, tmp_path):
+    """Aqueous, the longer word, stands left of the bar, where its color is dark, and oil on the right."""
+    pixels = draw(run_folder, tmp_path / "images", "--section-only")[0]
+    row = pixels[round((1.0 - 0.054) * SIZE[1])]  # through the middle of the bar
+    ends = [np.flatnonzero(np.abs(row - color).max(axis=-1) < 12) for color in (COLORS[8], COLORS[-8])]
+    left, right = (int(np.median(end)) for end in ends)
+    assert 0.1 * SIZE[0] < right - left < 0.3 * SIZE[0]
+    band = pixels[round((1.0 - 0.066) * SIZE[1]):round((1.0 - 0.042) * SIZE[1])]
+    written = np.flatnonzero((band < 160).all(axis=-1).any(axis=0))
+    before, after = written[written < left - 8], written[written > right + 8]
+    assert np.ptp(before) > 2.0 * np.ptp(after) > 0

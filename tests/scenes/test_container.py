@@ -21,6 +21,7 @@ from pipeline.cavity.container import block_lattice, container_arrays
 from pipeline.metrics import isolated
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.simulation import solver_setup
 from pipeline.simulation.solver_setup import initial_phases, initial_velocity
 from pipeline.surfaces.contour import contour, enclosed_volumes
 from pipeline.surfaces.contour_lines import contour_lines, enclosed_areas
@@ -294,7 +295,7 @@ def state_of(scene, arrays, time=0.0):
 
 
 @pytest.mark.parametrize("text", ["extends: base", SPACE], ids=["plane", "space"])
-def test_surfaces_of_blocks_have_their_volume_and_place(taichi, write, text):
+def test_surfaces_of_blocks_have_their_volume_and_place(anew, write, text):
     scene = load_scene(write(text), "draft")
     arrays = container_arrays(scene)
     reconstructor = Reconstructor(arrays, 2, free_surface=True)
@@ -309,7 +310,7 @@ def test_surfaces_of_blocks_have_their_volume_and_place(taichi, write, text):
     assert reconstructor.section() is None
 
 
-def test_drops_in_the_void_have_their_area(taichi, base):
+def test_drops_in_the_void_have_their_area(anew, base):
     arrays = container_arrays(base)
     frame = state_of(base, arrays)
     position = frame.position.copy()
@@ -321,7 +322,7 @@ def test_drops_in_the_void_have_their_area(taichi, base):
     np.testing.assert_allclose(drops[:len(alone)], frame.volume[alone[0]], rtol=0.15)
 
 
-def test_full_container_in_a_plane_has_one_interface(taichi, write):
+def test_full_container_in_a_plane_has_one_interface(anew, write):
     fill = "blocks: null\ninitial: {fill: {aqueous: 30 %, silicone_oil_1000: 70 %}}"
     scene = load_scene(write(f"extends: base\n{fill}\n"), "draft")
     arrays = container_arrays(scene)
@@ -335,7 +336,7 @@ def test_full_container_in_a_plane_has_one_interface(taichi, write):
 # Pictures
 
 @pytest.fixture
-def drawn(taichi, write, tmp_path, monkeypatch):
+def drawn(anew, write, tmp_path, monkeypatch):
     """Return a function that draws the start of a scene and gives its pixels."""
     def draw(text, *options):
         scene = load_scene(write(text), "draft")
@@ -435,7 +436,7 @@ def test_all_stages_by_command_line(base, tmp_path):
 FOLDERS = ("frames", "surfaces", "images", "plots")
 
 
-def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(taichi, write):
+def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(anew, write):
     from pipeline.simulation.solver_setup import build_solver
     from sim.solver import Divergence
 
@@ -452,7 +453,7 @@ def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(taichi, write):
         solver.step()
 
 
-def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsys):
+def test_solve_that_ends_at_its_limit_is_reported(anew, write, tmp_path, capsys):
     from pipeline.simulate import simulate_segment
     from pipeline.simulation.runner import Runner
     from pipeline.simulation.solver_setup import build_solver
@@ -464,3 +465,51 @@ def test_solve_that_ends_at_its_limit_is_reported(taichi, write, tmp_path, capsy
         capsys.readouterr().out)
     share = read_frame(find_frames(tmp_path)[-1]).statistics["pressure_limit_hit"]
     assert 0.0 < share <= 1.0
+
+
+def test_frame_holds_velocities_energies_and_the_gravity_of_its_time(taichi, write):
+    turns = "effects: {gravity: {turns: [{start: 1 s, to: left_side, duration: 1 s}]}}"
+    scene = load_scene(write(f"extends: base\n{turns}\n"), "draft")
+    solver = solver_setup.build_solver(scene, container_arrays(scene))
+    solver.prepare_output()
+    first = solver_setup.frame_of(scene, solver, {})
+    solver.time = 3.0
+    later = solver_setup.frame_of(scene, solver, {"time_step": 0.5})
+    np.testing.assert_allclose(first.gravity, [0.0, -9.81, 0.0], atol=1e-12)
+    np.testing.assert_allclose(later.gravity, [9.81, 0.0, 0.0], atol=1e-12)
+    assert (first.time, later.time) == (0.0, 3.0) and later.statistics["time_step"] == 0.5
+    oil = first.phase == 1
+    np.testing.assert_allclose(first.velocity, np.outer(oil, [0.0, 1.0, 0.0]), atol=1e-12)
+    density = scene.liquids[1].density
+    assert first.statistics["kinetic_energy"] == pytest.approx(0.5 * density * 0.38 * 0.4)
+    mass = first.volume * np.where(oil, density, scene.liquids[0].density)
+    assert first.statistics["potential_energy"] == pytest.approx(9.81 * mass @ first.position[:, 1])
+
+
+@pytest.mark.parametrize("scheme, place", [("dfsph", "schemes.dfsph"), ("wcsph", "equation of state"),
+                                           ("position_based", "schemes.position_based.iterations")])
+def test_numbers_that_a_scheme_does_not_read_are_refused(write, scheme, place):
+    def refusal(text: str) -> str:
+        with pytest.raises(UserError, match=rf"is not read by the scheme {scheme}: .*{place}") as caught:
+            load_scene(write(text), "draft")
+        return str(caught.value)
+
+    text = f"extends: base\nnumerics: {{scheme: {scheme}, pressure_tolerance: 1.0e-5}}\n"
+    assert "numerics.pressure_tolerance" in refusal(text)
+    text = f"extends: base\nlevels: {{draft: {{maximum_iterations: 7}}}}\nnumerics: {{scheme: {scheme}}}\n"
+    assert "levels.draft.maximum_iterations" in refusal(text)
+    load_scene(write(text), "fine")
+    load_scene(write(f"{text}effects: {{viscosity_implicit: {{}}}}\n"), "draft")  # which reads it
+
+
+def test_limit_of_another_scheme_is_quoted_by_its_own_key(taichi, write, tmp_path, capsys):
+    from pipeline.simulate import simulate_segment
+    from pipeline.simulation.runner import Runner
+    from pipeline.simulation.solver_setup import build_solver
+
+    chosen = "schemes: {dfsph: {maximum_iterations: 3, density_error: 1.0e-7}}\n"
+    text = f"extends: base\nnumerics: {{scheme: dfsph}}\n{chosen}"
+    scene = load_scene(write(text), "draft")
+    simulate_segment(scene, Runner(build_solver(scene, container_arrays(scene))), 0, tmp_path)
+    assert "the pressure solve ended at its limit of 3 iterations (schemes.dfsph.maximum_iterations) in" in (
+        capsys.readouterr().out)

@@ -1,6 +1,7 @@
 """Scene files: what they become, and what their errors say."""
 import dataclasses
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,7 @@ def test_tamponade_is_in_si_and_complete():
     assert scene.initial.liquid == "aqueous"
     assert scene.effects["injection"].flow == 2e-6
     assert scene.effects["injection"].cannula == (-5e-3, 5e-3, 3e-3)
-    assert scene.effects["interface_tension"].contact_angle == 18.2
+    assert scene.effects["interface_tension"].contact_angle == math.radians(18.2)
     assert scene.effects["gravity"].turns[0].start == 2.3
     settings = scene.settings()
     assert settings.dimension == 3 and settings.numerics is scene.numerics
@@ -107,7 +108,8 @@ def test_shipped_scene_fits_the_schema(path):
 
 @pytest.mark.parametrize(("text", "unit", "expected"), [
     ("1000 mPa s", "Pa*s", 1.0), ("1000 mPa·s", "Pa*s", 1.0), ("40 mN/m", "N/m", 0.04), ("85 %", "", 0.85),
-    ("24 mm", "m", 0.024), ("1.5 mL/s", "m**3/s", 1.5e-6), ("18.2 deg", "deg", 18.2), ("970 kg/m3", "kg/m**3", 970.0),
+    ("24 mm", "m", 0.024), ("1.5 mL/s", "m**3/s", 1.5e-6), ("18.2 deg", "deg", 18.2), ("180 deg", "rad", math.pi),
+    ("970 kg/m3", "kg/m**3", 970.0),
     ("1 g cm-3", "kg/m**3", 1000.0), ("2e-3", "m", 2e-3), (5, "s", 5.0), (" -3 µm ", "m", -3e-6),
     ("1 1/min", "1/s", 1 / 60),
 ])
@@ -220,6 +222,8 @@ BAD = {
     "saccades and oscillation": ("effects: {eye_rotation: {saccades: [{start: 1 s, amplitude: 9 deg}], "
                                  "oscillation: {amplitude: 9 deg, frequency: 1 Hz}}}",
                                  "oscillation is given beside saccades"),
+    "bare degrees": ("effects: {interface_tension: {contact_angle: 18.2}}",
+                     "contact_angle is 18.2, but must be at least 0 rad (0 deg) and at most 3.14159 rad (180 deg)"),
     "no axis": ("effects: {eye_rotation: {oscillation: {amplitude: 9 deg, frequency: 1 Hz, axis: [0, 0, 0]}}}",
                 "oscillation.axis is (0, 0, 0), but must have a direction"),
     "no drain": ("effects: {injection: {drain: null}}",

@@ -8,7 +8,7 @@ from sim.fields import Field, ParticleStore
 from sim.neighbor_search import NeighborSearch, corners
 from sim.smoothing_kernels import WendlandC2
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 SPACING = 1e-3
 SUPPORT = 2.5e-3
 FIELDS = (Field("id", "integer", "", "input order", carried=True), Field("position", "vector", "m", "", carried=True),
@@ -179,3 +179,14 @@ def test_more_neighbors_than_fit_are_refused_before_any_is_written(which):
         fluid, walls = np.vstack([fluid, crowd + edge - [0.6e-3, 0.0]]), np.vstack([walls, crowd + edge])
     with pytest.raises(OutOfRoom, match=r"there are \d+ pairs .* where \d+ fit: particles pile up"):
         searched(fluid, walls, head_room=1.0 if which == "pairs" else 5.0)
+
+
+def test_sort_does_not_depend_on_what_was_before():
+    fluid, walls = cloud(2, 12e-3)
+    particles, search = searched(fluid, walls, head_room=3.0)
+    sorted_ids = particles.to_numpy("id")
+    shuffle = np.random.default_rng(1).permutation(len(fluid))
+    for name in ("id", "position", "volume"):
+        particles.from_numpy(name, particles.to_numpy(name)[shuffle])
+    search.sort()
+    np.testing.assert_array_equal(particles.to_numpy("id"), sorted_ids)

@@ -21,7 +21,7 @@ def packing(request):
 
 def test_packing_evens_the_compression(packing):
     _, _, before, _, after = packing
-    # The recipe measured 1.005 +- 0.002 at 22 spacings; fewer particles per radius pack less evenly.
+    # A trial had 1.005 +- 0.002 at 22 spacings; fewer particles per radius pack less evenly.
     assert after.std() < 0.01 < before.std()
     assert after.min() > 0.98 and after.max() < 1.04
 

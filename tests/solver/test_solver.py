@@ -10,8 +10,9 @@ import pytest
 
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
+from sim.diagnosis import Watcher
 from sim.effects import REGISTRY
-from sim.effects.gravity import POSTURES, Turn, rotate_towards
+from sim.effects.gravity import POSTURES, Jolt, Turn, rotate_towards
 from sim.errors import OutOfRoom, RunError
 from sim.solver import CHANGE, SPEED, Divergence
 
@@ -181,6 +182,19 @@ def test_velocity_that_is_not_finite_is_named(tank, bad):
         assert f"{coordinate:.4g}".rstrip("0")[:5] in str(caught.value).replace("e-03", "")
 
 
+def test_settings_that_kernels_hold_stay_as_they_are(bare):
+    solver, at_rest = bare
+    solver.restore(at_rest)
+    before = solver.settings
+    with pytest.raises(ValueError, match="particle_spacing, support_ratio cannot change once the solver is built"):
+        solver.set_time_steps(support_ratio=3.0, particle_spacing=1e-4, time_step=1e-4)
+    assert solver.settings == before
+    solver.set_time_steps(time_step=1e-4)
+    assert solver.step() == 1e-4 == solver.scheme.numerics.time_step
+    solver.set_time_steps(time_step=None)
+    assert solver.settings == before
+
+
 def test_vanishing_time_step_is_a_divergence(tank):
     velocity = tank.particles.to_numpy("velocity")
     velocity[5] = [3e4, 0.0]
@@ -208,7 +222,7 @@ def spinning(bare):
 
 
 def test_rotation_without_viscosity_goes_on(spinning):
-    """The recipe has 0.997 of the spin and 0.994 of the energy at 22 spacings per radius; walls of their own pressure
+    """A trial had 0.997 of the spin and 0.994 of the energy at 22 spacings per radius; walls of their own pressure
     brake to 0.64."""
     _, record = spinning
     assert 0.985 < record[-1, 0] < 1.002 and 0.98 < record[-1, 1] < 1.004
@@ -303,3 +317,62 @@ print("same bits:", same)
                             env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)}, cwd=Path(__file__).parents[2])
     assert "refused: there are" in result.stdout and "going on from 0 s with more room" in result.stdout
     assert "same bits: True" in result.stdout, result.stdout
+
+
+def test_jolt_throws_the_liquid_against_it(bare):
+    """Seen from a head that is pushed up, everything is pulled down, by half a sine in time: 2/pi of its peak."""
+    parameters = cavities.parameters("gravity", jolts=(Jolt(1.0, (3.0, 20.0, 0.0), 0.1),))
+    gravity = REGISTRY["gravity"](parameters, bare[0])
+    np.testing.assert_allclose(gravity.at(1.05), [-3.0, -29.81])
+    for time in (0.5, 1.0, 1.1, 2.0):
+        np.testing.assert_allclose(gravity.at(time), [0.0, -9.81], atol=1e-12)
+    change = np.mean([gravity.at(time) for time in np.linspace(1.0, 1.1, 1001)], axis=0) - gravity.at(0.0)
+    np.testing.assert_allclose(change, np.array([-3.0, -20.0]) * 2.0 / np.pi, rtol=2e-3)
+
+
+def test_snapshot_lists_the_particles_by_their_numbers(bare, circle):
+    solver, at_rest = bare
+    solver.restore(at_rest)
+    assert (np.diff(solver.particles.to_numpy("id")) < 0).any()  # in memory they lie by cell
+    found = solver.snapshot()
+    np.testing.assert_array_equal(found["id"], np.arange(len(circle["fluid_position"])))
+    np.testing.assert_array_equal(found["position"], circle["fluid_position"])
+
+
+def test_first_step_follows_from_the_weight(circle):
+    """No acceleration has been measured yet: that of oil in aqueous is 35/970 of gravity."""
+    solver = cavities.build(circle, effects=(cavities.parameters("gravity", magnitude=150.0),), maximum_time_step=1.0)
+    assert solver.stable_time_step() == pytest.approx(0.5 * np.sqrt(cavities.SPACING / (150.0 * 35.0 / 970.0)))
+
+
+class Recorded(Scripted):
+    """A solver that takes two steps with known statistics."""
+
+    def advance(self, until):
+        for time_step, residual in ((1.0, 3.0), (2.0, 1.0)):
+            self.statistics = {"time_step": time_step, "residual_maximum": residual}
+            yield time_step
+
+    def check_finite(self):
+        pass
+
+
+def test_statistics_of_a_frame_are_means_and_the_largest_of_maxima():
+    found = Runner(Recorded(None)).advance({}, 1.0, lambda solver, dt: None)
+    assert found == {"time_step": 1.5, "residual_maximum": 3.0}
+
+
+# A run that went bad is repeated with a look at every effect by itself.
+
+def test_effects_one_by_one_give_what_they_give_together(circle):
+    effects = [cavities.parameters(name, **values) for name, values in {
+        "gravity": {}, "cohesion": {"tension": 0.02}, "adhesion": {"beta": 1e-3}, "viscosity": {}}.items()]
+    solver = cavities.build(circle, effects=effects, velocity=lambda x: x[:, ::-1])
+    solver.prepare_output()
+    solver.accelerate(0.0)
+    together = solver.particles.to_numpy("acceleration")
+    one_by_one = np.zeros_like(together)
+    for alone in Watcher(solver).alone.values():
+        alone.accelerate()
+        one_by_one += solver.particles.to_numpy("acceleration")
+    assert one_by_one == pytest.approx(together, rel=1e-6, abs=1e-6 * np.abs(together).max())

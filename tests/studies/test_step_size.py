@@ -8,7 +8,7 @@ from conftest import ROOT
 from pipeline.scenes.load import load_scene
 from pipeline.studies import step_size
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 
 
 def test_difference_is_relative_to_the_run_with_the_smallest_steps():

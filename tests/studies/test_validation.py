@@ -92,16 +92,16 @@ def test_drop_on_a_wall_has_its_volume_and_its_angle(dimension, angle):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("angle", [60.0, 120.0])
 def test_drop_on_a_wall_takes_its_angle(angle):
-    """T6 with 6 particles along the radius, where the study has 12: a degree and a half per tenth of a spacing."""
+    """With 6 particles along the radius, where the study has 12: a degree and a half per tenth of a spacing."""
     outcome = drop_on_wall.run(drop_on_wall.Parameters(contact_angle=angle, resolutions=(6,), rest_times=12.0))
     assert values(outcome, "contact angle")[0] == pytest.approx(angle, abs=6.0)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_square_drop_becomes_round():
     outcome = laplace.run(laplace.Parameters(start="square", radius=0.004, resolutions=(6,)))
     assert values(outcome, "scatter of the radii of the interface / mean")[0] < laplace.ROUND
@@ -165,20 +165,20 @@ def test_claims_of_the_paper_are_judged_by_the_numbers():
 
 # Short runs
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("more", [{"cavity": "box", "density_ratio": 0.965, "viscosity": 1.0},
                                   {"cavity": "open_box", "density_ratio": 0.5}], ids=["closed", "open"])
 def test_layers_at_rest_carry_their_weight(more):
-    """T1 at 16 spacings: the study asks for 2 % at 24 and finer; the interface is one layer, 1/16 of the height."""
+    """At 16 spacings: the study asks for 2 % at 24 and finer; the interface is one layer, 1/16 of the height."""
     outcome = hydrostatics.run(hydrostatics.Parameters(resolutions=(16,), rest_times=2.0, **more))
     assert values(outcome, "pressure error / (rho g H)")[0] < 0.03
     assert not rows_that_fail(outcome)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize(("tension", "largest"), [(0.0, 3e-3), (0.04, 1e-4)])
 def test_closed_tank_without_viscosity_stays_at_rest(tension, largest):
-    """T2 in short: 3 of 20 rest times. Without tension 12 spacings have 1.9e-3; with it what the solve leaves."""
+    """In short: 3 of 20 rest times. Without tension 12 spacings have 1.9e-3; with it what the solve leaves."""
     outcome = still_tank.run(still_tank.Parameters(tension=tension, resolutions=(12,), rest_times=3.0))
     speed = "rms speed / sqrt(g H), second half"
     assert values(outcome, speed)[0] < largest
@@ -186,7 +186,7 @@ def test_closed_tank_without_viscosity_stays_at_rest(tension, largest):
 
 
 def test_creeping_drop_is_that_of_the_textbooks_at_its_limits():
-    """T15: Hadamard and Rybczynski without a wall, Cunningham for a solid sphere in a spherical cavity."""
+    """Hadamard and Rybczynski without a wall, Cunningham for a solid sphere in a spherical cavity."""
     for ratio in (1e-6, 1.0, 100.0):
         free = 2.0 / 3.0 * (1.0 + ratio) / (2.0 + 3.0 * ratio)
         assert creeping_drop.exact_speed(ratio, 1e5) == pytest.approx(free, rel=1e-4)
@@ -195,29 +195,29 @@ def test_creeping_drop_is_that_of_the_textbooks_at_its_limits():
         assert creeping_drop.exact_speed(1e8, 1.0 / size) == pytest.approx(2.0 / 9.0 * slower, rel=1e-6)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_column_of_position_based_fluid_keeps_its_volume():
-    """T22: 1 %; the published rest density would let it settle to 80 %."""
+    """1 %; the published rest density would let it settle to 80 %."""
     outcome = still_tank.run(still_tank.Parameters(scheme="position_based", cavity="open_box", density_ratio=1.0,
                                                    viscosity=1e-3, resolutions=(16,), rest_times=3.0))
     assert values(outcome, "height of the column / start")[0] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_two_equal_liquids_flow_as_one():
-    """T13: mixed at random, they must not differ from one liquid at all; 1e-6 is what rounding may do."""
+    """Mixed at random, they must not differ from one liquid at all; 1e-6 is what rounding may do."""
     outcome = taylor_green.run(taylor_green.Parameters(reynolds=10.0, liquids=2, resolutions=(16,), decay=0.5,
                                                        steps=50))
     assert values(outcome, "largest difference from one liquid / U")[0] < 1e-6
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize(("form", "largest"), [
     ("central", 0.04), pytest.param("laplacian", 0.03, marks=pytest.mark.slow),
     pytest.param("strain", 0.05, marks=pytest.mark.slow)])
 def test_two_layers_flow_along_a_channel(form, largest):
-    """T12 at 1:1400 and 10 spacings; the study asks for 3 % at 40."""
+    """At 1:1400 and 10 spacings; the study asks for 3 % at 40."""
     outcome = channel.run(channel.Parameters(ratio=1400.0, form=form, resolutions=(10,), times=2.0, steps=20))
     assert values(outcome, "L2 error of the velocity, both layers")[0] < largest
     assert values(outcome, "L2 error of the velocity, viscous layer")[0] < largest
@@ -225,27 +225,27 @@ def test_two_layers_flow_along_a_channel(form, largest):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("form", ["central", "strain"])
 def test_liquid_in_a_circle_that_stopped_spins_down(form):
-    """T14: 5 %, as the study asks for."""
+    """5 %, as the study asks for."""
     outcome = spin_down.run(spin_down.Parameters(form=form, resolutions=(16,), steps=100))
     assert not rows_that_fail(outcome)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_vortex_decays_by_its_viscosity():
-    """T13 at Re 1, where the viscosity rules: 3 %, as the study asks for at any Re at finer resolutions."""
+    """At Re 1, where the viscosity rules: 3 %, as the study asks for at any Re at finer resolutions."""
     outcome = taylor_green.run(taylor_green.Parameters(reynolds=1.0, resolutions=(32,), decay=1.0))
     expected = taylor_green.decay_rate(1.0)
     assert values(outcome, "decay rate of the energy")[0] == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("scheme", ["volume_incompressible", pytest.param("dfsph", marks=pytest.mark.slow)])
 def test_front_of_a_dam_break_runs_as_measured(scheme):
-    """T16 with 12 and 8 particles along the column; the study asks for the band itself and 5 %.
+    """With 12 and 8 particles along the column; the study asks for the band itself and 5 %.
 
     With so few the tip is a particle or two thick and the front of the water leaves the band by 5 and 11 % (with 8 that
     of `volume_incompressible` by 7 to 24 %, as chance has it: steps a few percent shorter or longer are enough); the
@@ -261,7 +261,7 @@ def test_front_of_a_dam_break_runs_as_measured(scheme):
     assert 0.0 < scatter < 0.1
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_run_that_goes_bad_is_reported_and_not_hidden(monkeypatch):
     """A solver that fails gives rows that do not hold, and the reason in words."""
     from sim.solver import Divergence, Solver
@@ -277,7 +277,7 @@ def test_run_that_goes_bad_is_reported_and_not_hidden(monkeypatch):
     assert "it failed" in outcome.remarks[0]
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_packed_start_is_disordered_but_even():
     """The viscosity of pair forces is wrong on a lattice, and a jittered start would never come to rest."""
     arrays = cavity("box", (1.0, 1.0), 1.0 / 16, start="packed")
@@ -299,9 +299,9 @@ def test_circularity_of_an_ellipse():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_bubble_rises_as_in_the_benchmark():
-    """T9, coarser than the study, which asks for 1 %, 3 % and 2 % where there are 64 particles along the width."""
+    """Coarser than the study, which asks for 1 %, 3 % and 2 % where there are 64 particles along the width."""
     outcome = rising_bubble.run(rising_bubble.Parameters(resolutions=(24,)))
     for quantity, expected, tolerance in (
             ("height of the center of mass at 3 s", rising_bubble.HEIGHT_AT_END, 0.04),

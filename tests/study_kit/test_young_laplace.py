@@ -129,11 +129,11 @@ def test_parting_finds_the_profile_in_labels_of_particles(dimension, angle, fill
     assert apex == pytest.approx(exact.apex, abs=0.3 * spacing)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.slow
 @pytest.mark.parametrize("density_difference", [35.0, -35.0], ids=["heavy", "light"])
 def test_oil_in_a_circle_comes_to_rest_at_its_arc(monkeypatch, density_difference):
-    """T7 with eight particles along the radius, where the study has eleven; heavy oil rests at the bottom."""
+    """With eight particles along the radius, where the study has eleven; heavy oil rests at the bottom."""
     monkeypatch.setattr(oil_in_sphere, "READINGS", 10)
     outcome = oil_in_sphere.run(oil_in_sphere.Parameters(
         dimension=2, contact_angle=60.0, fill=0.5, resolutions=(8,), steps=300, density_difference=density_difference))

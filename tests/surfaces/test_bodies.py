@@ -98,3 +98,19 @@ def test_a_folder_without_surfaces_is_named(tmp_path):
                                                output=Output(duration=1.0)).to_json())
     with pytest.raises(UserError, match="no surfaces there"):
         bodies.main([str(tmp_path / "scene.json"), str(tmp_path), "--output", str(tmp_path / "bodies.csv")])
+
+
+def test_table_is_in_the_units_of_its_heads(run_folder):
+    """A ball of 3 mm, all of which lies at the wall, then the same one amid the cavity."""
+    oil = mesh_of(balls(3, ((-4e-3, 1e-3, 2e-3), 3e-3)))
+    write_surface(run_folder / "segment_000" / "frame_00000_oil.vtp", oil, time=0.0, liquid="oil",
+                  depth=np.zeros(len(oil.points)))
+    bodies.main([str(run_folder / name) for name in ("scene.json", "segment_000", "segment_001")]
+                + ["--output", str(run_folder / "bodies.csv")])
+    header, *rows = (run_folder / "bodies.csv").read_text().splitlines()
+    at_wall, free = (dict(zip(header.split(","), row.split(","), strict=True)) for row in rows[:2])
+    exact = {"volume [mL]": 0.036 * np.pi, "area [cm2]": 0.36 * np.pi}
+    for name, value in exact.items():
+        assert float(at_wall[name]) == pytest.approx(value, rel=0.01) == float(free[name])
+    assert float(at_wall["interface [cm2]"]) == 0.0 and free["interface [cm2]"] == free["area [cm2]"]
+    assert [float(at_wall[f"{axis} [mm]"]) for axis in "xyz"] == pytest.approx([-4.0, 1.0, 2.0], abs=0.02)

@@ -11,6 +11,7 @@ from conftest import ROOT
 
 from pipeline.base import threads
 from pipeline.base.errors import UserError
+from pipeline.scenes import threads as scene_threads
 from pipeline.scenes.load import load_scene
 from pipeline.workflow import scenes as workflow
 from pipeline.workflow import studies as study_workflow
@@ -143,7 +144,7 @@ def test_stages_refuse_threads_beyond_the_cores_before_all_else(tmp_path, stage)
 def flow(project, monkeypatch):
     """Return the workflow of a project on a computer with 64 cores."""
     monkeypatch.chdir(project.folder)
-    for module in (study_workflow, threads):
+    for module in (study_workflow, scene_threads):
         monkeypatch.setattr(module, "available_cores", lambda: 64)
     project.write_scene("four", "extends: tiny\nnumerics: {threads: 4}\n")
     return workflow.Workflow({"scenes": ["tiny"], "accuracy": "draft"})

@@ -237,7 +237,7 @@ def test_resolved_scene_follows_its_file(project):
 def test_edited_code_runs_its_stages_again(finished, can_draw):
     code_folder = finished.own_code("pipeline")
     try:
-        for name in ("metrics_table.py", "movie.py"):
+        for name in ("measures/summary.py", "movie.py"):
             (code_folder / name).write_text((code_folder / name).read_text() + "\nADDED = 1\n")
         code, output = finished.snakemake("-n", *targets(can_draw))
     finally:
@@ -256,22 +256,24 @@ def test_report_is_one_page(finished, can_draw):
     assert "metrics in short" in page and "wall_coverage" in page
 
 
-@pytest.mark.parametrize("victim", ["simulation", "everything"])
-def test_killed_run_goes_on_to_the_same_frames(finished, project, victim):
+def test_killed_run_goes_on_to_the_same_frames(finished, project):
+    """First the simulation alone is killed, then everything, both in the second segment."""
     target = "outputs/tiny/draft/frames/frames.pvd"
     first = project.outputs("tiny") / "checkpoints" / "segment_000.npz"
-    run = project.start(target)
-    wait_for(lambda: first.exists() and pids_of("pipeline.simulate", "--segment 1", project.folder), run)
-    if victim == "everything":
-        os.killpg(run.pid, signal.SIGKILL)
-    for pid in pids_of("pipeline.simulate", "--segment 1", project.folder):
-        os.kill(pid, signal.SIGKILL)
-    assert run.wait() != 0
-    date = first.stat().st_mtime_ns
+    dates = set()
+    for victim in ("simulation", "everything"):
+        run = project.start(target)
+        wait_for(lambda: first.exists() and pids_of("pipeline.simulate", "--segment 1", project.folder), run)
+        if victim == "everything":
+            os.killpg(run.pid, signal.SIGKILL)
+        for pid in pids_of("pipeline.simulate", "--segment 1", project.folder):
+            os.kill(pid, signal.SIGKILL)
+        assert run.wait() != 0
+        dates.add(first.stat().st_mtime_ns)
 
     code, output = project.snakemake(target)
     assert code == 0, output
-    assert first.stat().st_mtime_ns == date
+    assert dates == {first.stat().st_mtime_ns}
     for segment in ("segment_000", "segment_001"):
         ours, theirs = (find_frames(one.outputs("tiny") / "frames" / segment) for one in (project, finished))
         assert [path.name for path in ours] == [path.name for path in theirs]
@@ -314,3 +316,26 @@ def pids_of(*words):
             if line.startswith("python") and all(str(word) in line for word in words):
                 found.append(int(entry))
     return found
+
+
+def test_every_segment_starts_where_the_one_before_ends(project):
+    tiny = (project.folder / "config/scenes/tiny.yaml").read_text()
+    project.write_scene("tiny", tiny.replace("duration: 0.2 s", "duration: 0.5 s"))
+    scene = load_scene(project.folder / "config/scenes/tiny.yaml", "draft")
+    assert scene.segment_count > 2
+    code, output = project.snakemake("-n", f"outputs/tiny/draft/checkpoints/segment_{scene.segment_count - 1:03d}.npz")
+    assert code == 0, output
+    assert planned(output)["simulate"] == scene.segment_count
+
+
+def test_simulation_runs_again_when_the_code_of_its_effects_changes(project, monkeypatch):
+    """And not for the code of others."""
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    assert "injection" in scene.effects and "drift" not in scene.effects
+    monkeypatch.setattr(code_digest, "ROOT", project.folder)
+    before = digest.stage_digest("simulate", scene)
+    effects = project.own_code("sim") / "effects"
+    project.own_code("pipeline")
+    for name, changes in (("drift", False), ("injection", True)):
+        (effects / f"{name}.py").write_text((effects / f"{name}.py").read_text() + "\nADDED = 1\n")
+        assert (digest.stage_digest("simulate", scene) != before) == changes

@@ -2,7 +2,7 @@
 
 The hull itself is never made. A ray from inside of it, here from the mean of the neighbors, pierces one facet of the
 hull; the facet is found by pushing a pierced triangle (in 2D an edge) outward with the neighbor that is farthest along
-its normal, as Snethen's "portal refinement" does (Game Programming Gems 7, 2008). Both answers come with a proof: a
+its normal, as the "portal refinement" of [snethen2008] does. Both answers come with a proof: a
 direction in which no neighbor lies farther than the particle (outside), or a simplex of the mean and d neighbors that
 holds it (inside). What is closer to the surface of the hull than a tolerance counts as outside, so that neighbors in
 one plane (or on one line) hold nothing, however many they are.

@@ -2,6 +2,7 @@
 
 phi > 0 in the other liquids. Particle colors are splatted to nodes, redistanced in a band around the interface and
 smoothed; behind the wall, ghost nodes carry the slope that the contact angle asks for.
+Equations: docs/methods/interface_tension.md.
 """
 import numpy as np
 import taichi as ti
@@ -40,8 +41,8 @@ class LevelSet:
         self.position, self.count, self.color = solver.position, solver.count, color
         self.pairs, self.walls, self.search = solver.pairs, solver.walls, solver.search
         self.wall_rows = solver.search.wall_rows
-        self.cosine = float(np.cos(contact_angle))
-        self.sine = float(np.sin(contact_angle))
+        self.cosine, self.sine = (ti.field(real(), shape=()) for _ in range(2))
+        self.set_contact_angle(contact_angle)
         self.row = int(np.ceil(2.0 * SPLAT_RADIUS * self.spacing / self.cell))  # nodes that one splat reaches in a row
         size = self.grid.size
         self.phi, self.phi_next, self.weight, self.curvature = (ti.field(real(), shape=size) for _ in range(4))
@@ -69,6 +70,10 @@ class LevelSet:
         self.partial = partial_results(3)
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
+
+    def set_contact_angle(self, angle: float) -> None:
+        """Choose the contact angle, rad: kernels read it when they run, so that another one compiles none anew."""
+        self.cosine[None], self.sine[None] = float(np.cos(angle)), float(np.sin(angle))
 
     def _find_ghosts(self):
         """Static list of nodes behind the wall, the shallow ones first, with their image points inside, and the wall's
@@ -283,7 +288,7 @@ class LevelSet:
             for n in range(first(block, size), last(block, size)):
                 if self.weight[n] > 0.0:
                     c = self.phi_next[n] / self.weight[n]
-                    self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)
+                    self.phi[n] = COLOR_TO_DISTANCE * SPLAT_RADIUS * self.spacing * (c - 0.5)  # (I3)
                 if ti.static(self.mixes):
                     self.contrast[n] = ti.select(self.weight[n] > 0.0, self.contrast[n] / self.weight[n], 1.0)
                 self.phi_next[n] = self.phi[n]
@@ -341,8 +346,8 @@ class LevelSet:
         image_depth = ti.max(depth, self.cell)
         limited = ti.min(ti.max(q, -2.0 * self.spacing), 2.0 * self.spacing)
         c = self.ghost_curvature[k]
-        slope = (limited * c - self.slope[None] * self.cosine) / (1.0 - image_depth * c)
-        self.ghost_value[k] = q + (depth + image_depth) * slope
+        slope = (limited * c - self.slope[None] * self.cosine[None]) / (1.0 - image_depth * c)
+        self.ghost_value[k] = q + (depth + image_depth) * slope  # (I5)
 
     @ti.func
     def _take_ghost(self, phi: ti.template(), k):
@@ -416,12 +421,12 @@ class LevelSet:
                 outward[d] = self.grid.values[n + self.steps[d]] - self.grid.values[n - self.steps[d]]
             outward /= ti.max(outward.norm(), 1e-9)
             along = g - g.dot(outward) * outward
-            g = self.sine * along / ti.max(along.norm(), 1e-6) - self.cosine * outward
+            g = self.sine[None] * along / ti.max(along.norm(), 1e-6) - self.cosine[None] * outward
         return g / ti.max(g.norm(), 1e-6)
 
     @ti.kernel
     def _measure(self):
-        """Normals and curvature kappa = -div(grad phi / |grad phi|) near the interface."""
+        """Normals and curvature kappa = -div(grad phi / |grad phi|) near the interface (I4)."""
         for k in range(self.band_and_rim_count[None]):
             n = self.band[k]
             if ti.abs(self.phi[n]) < 3.0 * self.cell:

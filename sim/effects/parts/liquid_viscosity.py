@@ -1,9 +1,10 @@
 """Viscosity of the liquid or mixture at a particle, and its friction at a wall: shared by both viscosities.
 
 A drop moves as the liquid around it allows: its drag lies between 4 and 6 pi mu R U, with mu that of the liquid around
-(Hadamard 1911, Rybczynski 1911). In a drop of one or two particles nothing can circulate, and with the harmonic mean of
+[hadamard1911; rybczynski1911]. In a drop of one or two particles nothing can circulate, and with the harmonic mean of
 two viscosities it would slip through a stiff liquid as if that were thin. So a particle that is alone in a more
 viscous liquid is given the viscosity of what surrounds it. The wall counts as its like: a film on it slides.
+Equations: docs/methods/viscosity.md.
 """
 import taichi as ti
 
@@ -22,7 +23,9 @@ def without_viscosity(settings) -> str:
 
 
 def explicit_limit(settings) -> float:
-    """Time step of an explicit viscous force, 0.125 dx^2 rho / mu of the stiffest liquid, s."""
+    """Time step of an explicit viscous force, 0.125 dx^2 rho / mu of the stiffest liquid, s: (A4) of
+    docs/methods/time_step.md.
+    """
     limits = [0.125 * settings.numerics.particle_spacing**2 * liquid.density / liquid.dynamic_viscosity
               for liquid in settings.liquids if liquid.dynamic_viscosity > 0.0]
     return min(limits, default=float("inf"))
@@ -56,7 +59,7 @@ class LiquidViscosity:
         if ti.static(self.mixes):
             mu = 1.0
             for k in ti.static(range(self.number)):
-                mu *= ti.pow(self.of_liquid[k], self.fractions[i][k])
+                mu *= ti.pow(self.of_liquid[k], self.fractions[i][k])  # (V10)
         return mu
 
     @ti.kernel
@@ -86,7 +89,7 @@ class LiquidViscosity:
             around += weight * mu
             total += weight
         alone = ti.math.clamp((AMONG - alike / total) / (AMONG - ALONE), 0.0, 1.0)
-        return alone * ti.max(around / total - mu, 0.0)
+        return alone * ti.max(around / total - mu, 0.0)  # (V10)
 
     @ti.func
     def depth(self, i):
@@ -97,6 +100,6 @@ class LiquidViscosity:
     def wall_factor(self, depth, b):
         """Velocity of a particle at a depth less that of wall particle b, over the particle's own, for no slip.
 
-        The velocity is taken to be linear and zero at the wall's surface (Morris et al. 1997).
+        The velocity is taken to be linear and zero at the wall's surface [morris1997].
         """
-        return 1.0 + self.walls.depth[b] / depth
+        return 1.0 + self.walls.depth[b] / depth  # (V4)

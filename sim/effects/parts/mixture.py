@@ -1,18 +1,18 @@
 """What the effects that mix liquids share: volume fractions, and the exchange of volume between pairs of particles.
 
-A particle holds the share alpha_k of every liquid k (S1 section III-C1), so that its density is sum alpha_k rho_k: the
+A particle holds the share alpha_k of every liquid k [song, section III-C1], so that its density is sum alpha_k rho_k:
 liquids do not shrink when they mix. Its viscosity is the product of mu_k^alpha_k
 (``sim.effects.parts.liquid_viscosity``).
 Its velocity v = sum alpha_k v_k is the volume average, whose divergence is zero.
 
 Volume is exchanged between pairs alone: what i gains of a liquid j loses, and the gains of all liquids add up to zero,
 so every liquid's volume, the sum of the fractions and each particle's volume are conserved. Nothing is clipped and
-nothing normalized again (S1 Eq. 13 does not say how its fractions stay in bounds). The moved volume carries the mass
-and the momentum of its donor (methods 5.4; to update the masses alone, as S1 does, makes momentum). Sub-steps, in which
-no particle gives away more than a share of what it holds, keep the fractions in [0, 1] for any time step.
+nothing normalized again ([song, eq. 13] does not say how its fractions stay in bounds). The moved volume carries the
+mass and the momentum of its donor (to update the masses alone, as in [song, algorithm 1], makes momentum). Sub-steps,
+in which no particle gives away more than a share of what it holds, keep the fractions in [0, 1] for any time step.
 
 None of the liquids crosses the wall. The slip of the liquids within a particle carries no momentum of its own: the term
-div(sum alpha_k rho_k v_k^d v_k^d) of Manninen et al. 1996 is left out.
+div(sum alpha_k rho_k v_k^d v_k^d) of [manninen1996] is left out. Equations: docs/methods/mixtures.md.
 """
 import math
 
@@ -34,7 +34,7 @@ MOST_SUB_STEPS = 100_000
 class Mixing(Effect):
     """Base of the effects that exchange liquids between particles: they give `pair_flux` and `pair_rate`."""
 
-    fields = (
+    fields: tuple[Field, ...] = (
         Field("volume_fraction", "liquids", "1", "volume fraction of every liquid", carried=True),
         Field("volume_fraction_next", "liquids", "1", "volume fractions after the sub-step"),
         Field("velocity_next", "vector", "m/s", "velocity after the exchange of momentum"),
@@ -128,7 +128,7 @@ class Mixing(Effect):
             volume = self.particles.volume[i]
             self.particles.volume_fraction_next[i] = self.particles.volume_fraction[i] + change
             mass = self.particles.mass[i] + volume * mass_change
-            self.particles.velocity_next[i] = velocity + volume / mass * momentum
+            self.particles.velocity_next[i] = velocity + volume / mass * momentum  # (M2)
         for i in range(self.count[None]):
             self.particles.volume_fraction[i] = self.particles.volume_fraction_next[i]
             self.particles.velocity[i] = self.particles.velocity_next[i]
@@ -136,7 +136,7 @@ class Mixing(Effect):
 
     @ti.func
     def mixture_density(self, i):
-        """sum of alpha_k rho_k, kg/m^3."""
+        """sum of alpha_k rho_k (M1), kg/m^3."""
         density = 0.0
         for liquid in ti.static(range(self.liquid_count)):
             density += self.density[liquid] * self.particles.volume_fraction[i][liquid]

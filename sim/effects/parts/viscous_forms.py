@@ -1,12 +1,13 @@
 """Viscous forces as matrices K, symmetric and positive semidefinite, for `viscosity_implicit`: F = -K v.
 
-central    pair forces along the line of two particles (Weiler et al. 2018), -(d+2) c_ij (v_ij.x_ij) x_ij/r^2 with the
+central    pair forces along the line of two particles [weiler2018], -(d+2) c_ij (v_ij.x_ij) x_ij/r^2 with the
            weights c of ``sim.effects.parts.viscous_weights``.
-laplacian  pair forces along the difference of velocities (Morris et al. 1997): 2 mu_ij V_i V_j W'/r v_ij.
+laplacian  pair forces along the difference of velocities [morris1997]: 2 mu_ij V_i V_j W'/r v_ij.
 strain     those of what two particles do beyond turning with their surroundings: twice the passes over the pairs.
 
 mu_ij is the harmonic mean 2 mu_i mu_j/(mu_i + mu_j), which keeps the shear stress continuous at a jump of viscosity.
 All conserve momentum; central and strain, which rigid rotations do not strain, conserve spin as well.
+Equations: docs/methods/viscosity.md.
 """
 import abc
 
@@ -90,7 +91,7 @@ class CentralForm(ViscousForm):
                     s = ti.sqrt(beta * self.weights.central(self.weights.of_wall(i, b, r2), r2)) * x_ib
                     self.wall_vector[k] = s
                     wall_trace += s.norm_sqr()
-            self.particles.wall_friction[i] = wall_trace / self.dimension
+            self.particles.wall_friction[i] = wall_trace / self.dimension  # (V11)
             self.particles.viscous_diagonal[i] = self.particles.mass[i] + dt * (trace + wall_trace) / self.dimension
 
     @ti.func
@@ -99,7 +100,7 @@ class CentralForm(ViscousForm):
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             s = self.pair_vector[k]
-            total += (dt * s.dot(v_i - v[self.pairs.index[k]])) * s
+            total += (dt * s.dot(v_i - v[self.pairs.index[k]])) * s  # (V7)
         if ti.static(self.no_slip):
             for slot in range(self.wall_pairs.count[i]):
                 k = self.wall_pairs.entry(i, slot)
@@ -118,7 +119,7 @@ class LaplacianForm(ViscousForm):
 
     @ti.func
     def _pair(self, mu, volumes, x):
-        return -2.0 * mu * volumes * self.kernel.gradient_factor(x.norm())
+        return -2.0 * mu * volumes * self.kernel.gradient_factor(x.norm())  # (V8)
 
     @ti.kernel
     def assemble(self, dt: float):
@@ -315,7 +316,7 @@ class StrainForm(ViscousForm):
             k = self.pairs.entry(i, slot)
             if self.pair_coefficient[k] > 0.0:
                 turning += self._turned(self.spin[self.pairs.index[k]], self.pair_vector[k])
-        return total + dt * (self.straight[i] - turning)
+        return total + dt * (self.straight[i] - turning)  # (V9)
 
 
 FORMS = {"central": CentralForm, "laplacian": LaplacianForm, "strain": StrainForm}

@@ -5,7 +5,7 @@ around, sum of V_j w_ij r^2/d, as measured. Then c_ij v_ij and (d+2) c_ij (v_ij.
 viscosity mu. Those of the second kind need fourth moments too, which are not alike in all directions among disordered
 particles: shear along the axes of packed boxes feels 0.99 mu in three dimensions (h 2.5 and 3 dx; 0.96 and 1.00 in
 two), on average over directions 1. With w = |W'|/r, which is steeper, it is 0.95 (0.9), and conjugate gradients take
-1.4 times the iterations.
+1.4 times the iterations. Equations: docs/methods/viscosity.md.
 """
 import math
 
@@ -20,7 +20,7 @@ LEAST_MOMENT = 0.7  # of it, at a free surface, where half is missing
 @ti.func
 def harmonic_mean(mu_i, mu_j):
     """Harmonic mean of two viscosities, Pa s."""
-    return 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)
+    return 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)  # (V3)
 
 
 @ti.data_oriented
@@ -60,7 +60,7 @@ class ViscousWeights:
     def of_pair(self, i, j, r2):
         """c_ij, kg/s."""
         mean = harmonic_mean(self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j])
-        return 2.0 * mean * self.scaled_volume[i] * self.scaled_volume[j] * self._weight(r2)
+        return 2.0 * mean * self.scaled_volume[i] * self.scaled_volume[j] * self._weight(r2)  # (V6)
 
     @ti.func
     def of_wall(self, i, b, r2):

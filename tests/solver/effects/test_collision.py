@@ -307,3 +307,19 @@ def test_stiff_liquid_refuses_a_long_fixed_step(scene):
         scene("effects: {collision: {}}\nnumerics: {particle_spacing: 4 mm}",
               "effects: {viscoelastic: {liquids: [{liquid: red_gel, shear_modulus: 1 MPa}]}}\n"
               "numerics: {particle_spacing: 4 mm, time_step: 1 ms}")
+
+
+@pytest.mark.parametrize("order", ["alternating", "simultaneous"])
+def test_moves_out_of_the_other_liquid_keep_the_center_of_mass(mixed, circle, order):
+    """Away from the wall, which stops particles."""
+    mixed.particles.from_numpy("position", circle["fluid_position"])
+    stir(mixed, 0.0)
+    (position,) = cavities.read(mixed, "position")
+    radius, intruder = np.linalg.norm(position, axis=1), np.random.default_rng(4).random(len(position)) < 0.2
+    heavy = (radius < 4e-3) ^ ((radius < 5e-3) & intruder)
+    mixed.particles.from_numpy("phase", heavy.astype(np.int32))
+    mixed.particles.from_numpy("mass", mixed.rest_volume * np.where(heavy, 1e4, 1e3))
+    (mass, _, _), (_, moved, _) = collide(mixed, order=order)
+    move = np.linalg.norm(moved - position, axis=1)
+    assert move.max() > 0.05 * cavities.SPACING and move[radius > 8e-3].max() == 0.0
+    assert np.abs(mass @ (moved - position)).max() < 1e-12 * mass @ move

@@ -438,7 +438,7 @@ def sample_spline(effect: ti.template(), r: ti.template(), value: ti.template())
 
 
 def test_cohesion_spline(solver):
-    """Akinci et al. 2013, Eq. 2: attraction from 0.27 h to h, repulsion below; in 2D with the same integral."""
+    """[akinci2013, eq. 2]: attraction from 0.27 h to h, repulsion below; in 2D with the same integral."""
     samples = 4001
     q = np.linspace(0.0, 1.2, samples)
     r, value = (ti.field(ti.f64, shape=samples) for _ in range(2))
@@ -453,7 +453,7 @@ def test_cohesion_spline(solver):
 
 
 def test_adhesion_spline(solver):
-    """Akinci et al. 2013, Eq. 7: attraction between h/2 and h alone; in 2D with the same integral over space."""
+    """[akinci2013, eq. 7]: attraction between h/2 and h alone; in 2D with the same integral over space."""
     samples = 4001
     q = np.linspace(0.0, 1.2, samples)
     r, value = (ti.field(ti.f64, shape=samples) for _ in range(2))
@@ -585,7 +585,7 @@ def diffusing(request):
         cavities.cavity(*{"lattice": ("box", (32e-3, 32e-3)), "packed": ("circle", 15e-3)}[kind]),
         liquids=(Liquid("aqueous", 1000.0, 0.0), Liquid("oil", 970.0, 0.0)), support_ratio=support_ratio,
         effects=(cavities.parameters("diffusion", coefficient=COEFFICIENT),))
-    # What the lattice sum lacks (3.3 % at 2.5 dx) is made up for, on packed sets too but for 2 % (validation T18).
+    # What the lattice sum lacks (3.3 % at 2.5 dx) is made up for, on packed sets too but for 2 % (family `diffusion`).
     return solver, *{("lattice", 3.0): (1.0, 0.01), ("lattice", 2.5): (1.0, 0.005),
                      ("packed", 2.5): (1.0, 0.03)}[request.param]
 

@@ -156,10 +156,11 @@ def test_volume_shed_by_viscosities():
 
 def test_saccades_shear_as_in_stokes_second_problem():
     """10 degrees: 43 ms and 436 deg/s of the main sequence; the wall at 11 mm moves at 84 mm/s."""
-    assert law.saccade_duration(10.0) == pytest.approx(43e-3)
-    assert 11e-3 * law.saccade_speed(10.0) == pytest.approx(0.0837, rel=1e-3)
+    assert law.saccade_duration(np.radians(10.0)) == pytest.approx(43e-3)
+    assert 11e-3 * law.saccade_speed(np.radians(10.0)) == pytest.approx(0.0837, rel=1e-3)
     depth = np.sqrt(2.0 * AQUEOUS.dynamic_viscosity / AQUEOUS.density / (np.pi / 43e-3))
-    assert law.shear_per_distance(10.0, AQUEOUS) * 11e-3 == pytest.approx(np.sqrt(2.0) * 0.0837 / depth, rel=1e-3)
+    shear = law.shear_per_distance(np.radians(10.0), AQUEOUS) * 11e-3
+    assert shear == pytest.approx(np.sqrt(2.0) * 0.0837 / depth, rel=1e-3)
 
 
 def test_the_solver_sheds_what_the_law_says(started):

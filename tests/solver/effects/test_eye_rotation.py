@@ -17,7 +17,7 @@ WATER = Liquid("water", 1000.0, 0.0)
 
 
 def test_saccade_follows_the_main_sequence():
-    saccade = Saccade(0.1, 20.0, OUT)
+    saccade = Saccade(0.1, np.radians(20.0), OUT)
     assert saccade.lasts == pytest.approx(0.065)  # 21 ms + 20 * 2.2 ms
     assert np.degrees(saccade.peak) == pytest.approx(1.64 * 20.0 / 0.065)
     times = np.linspace(0.1, 0.165, 2001)
@@ -30,14 +30,14 @@ def test_saccade_follows_the_main_sequence():
 
 
 def test_given_duration_and_peak_are_kept():
-    saccade = Saccade(0.0, 10.0, OUT, duration=0.05, peak_rate=300.0)
+    saccade = Saccade(0.0, np.radians(10.0), OUT, duration=0.05, peak_rate=np.radians(300.0))
     times = np.linspace(0.0, 0.05, 4001)
     rates = np.degrees([saccade.rate(t) for t in times])
     assert rates.max() == pytest.approx(300.0) and np.trapezoid(rates, times) == pytest.approx(10.0, rel=1e-4)
 
 
 def test_every_other_saccade_goes_back():
-    saccades = Saccade(0.0, 15.0, OUT, count=3, interval=0.2)
+    saccades = Saccade(0.0, np.radians(15.0), OUT, count=3, interval=0.2)
     ends = [np.degrees(saccades.angle(0.2 * k + 0.19)) for k in range(3)]
     np.testing.assert_allclose(ends, [15.0, 0.0, 15.0], atol=1e-9)
     assert saccades.rate(0.22) < 0.0 < saccades.rate(0.02) and saccades.end == pytest.approx(0.4 + 0.054)
@@ -46,25 +46,26 @@ def test_every_other_saccade_goes_back():
 
 def test_head_turns_the_other_way_in_the_eye():
     """The eye looks up by 90 degrees, about -x: what is ahead of the head is below the eye."""
-    rotation = EyeRotationParameters(saccades=(Saccade(0.0, 90.0, (-1.0, 0.0, 0.0)),
-                                               Saccade(1.0, 90.0, (0.0, 0.0, 1.0))))
+    rotation = EyeRotationParameters(saccades=(Saccade(0.0, np.radians(90.0), (-1.0, 0.0, 0.0)),
+                                               Saccade(1.0, np.radians(90.0), (0.0, 0.0, 1.0))))
     np.testing.assert_allclose(rotation.into_eye(np.array([0.0, 0.0, 1.0]), 0.9), [0.0, -1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(rotation.into_eye(np.array([0.0, -1.0, 0.0]), 0.9), [0.0, 0.0, -1.0], atol=1e-12)
     # Then it rolls about its own axis, which points up in the head: what is ahead goes to its side.
     np.testing.assert_allclose(rotation.into_eye(np.array([0.0, 0.0, 1.0]), 2.0), [-1.0, 0.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_gravity_stays_with_the_head():
     arrays = cavities.cavity("circle", cavities.RADIUS)
     solver = cavities.build(arrays, liquids=(WATER,), phase=lambda x: np.zeros(len(x)), effects=(
-        cavities.parameters("gravity"), cavities.parameters("eye_rotation", saccades=(Saccade(0.0, 90.0, OUT),))))
+        cavities.parameters("gravity"),
+        cavities.parameters("eye_rotation", saccades=(Saccade(0.0, np.radians(90.0), OUT),))))
     gravity = next(effect for effect in solver.effects if effect.name == "gravity")
     np.testing.assert_allclose(gravity.at(0.0), [0.0, -9.81], atol=1e-12)
     np.testing.assert_allclose(gravity.at(1.0), [-9.81, 0.0], atol=1e-12)
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_liquid_at_rest_in_the_head_circles_in_the_eye(dimension):
     """It moves at -w x r there, and is accelerated to the axis by w^2 times its distance and by -dw/dt x r.
@@ -73,7 +74,7 @@ def test_liquid_at_rest_in_the_head_circles_in_the_eye(dimension):
     """
     arrays = cavities.cavity("circle", 6.0 * cavities.SPACING, dimension)
     axis = np.array(OUT if dimension == 2 else (0.6, -0.48, 0.64))
-    oscillation = Oscillation(20.0, 4.0, tuple(axis))
+    oscillation = Oscillation(np.radians(20.0), 4.0, tuple(axis))
     solver = cavities.build(arrays, liquids=(WATER,), phase=lambda x: np.zeros(len(x)), effects=(
         cavities.parameters("eye_rotation", oscillation=oscillation),))
     solver.time, dt = 0.03, 1e-5
@@ -102,13 +103,13 @@ def test_stress_of_a_run_that_failed_is_no_number(monkeypatch):
     assert len(judged) == 4 and not any(row.holds for row in judged) and "went bad" in outcome.remarks[0]
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_liquid_without_viscosity_stays_behind():
     """In a round eye nothing drags it along: it turns back by the angle of the saccade, and rests again.
 
     To 1 % of the angle; 3 % of the peak speed are left, as particles that slide along a wall of particles are stirred.
     """
-    saccade = Saccade(0.0, 30.0, OUT)
+    saccade = Saccade(0.0, np.radians(30.0), OUT)
     arrays = cavities.cavity("circle", cavities.RADIUS)
     solver = cavities.build(arrays, liquids=(WATER,), phase=lambda x: np.zeros(len(x)),
                             effects=(cavities.parameters("eye_rotation", saccades=(saccade,)),))
@@ -124,10 +125,10 @@ def test_liquid_without_viscosity_stays_behind():
     assert np.sqrt(np.mean(np.sum(velocity**2, axis=1))) < 0.03 * saccade.peak * cavities.RADIUS
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("motion", ["oscillation", "saccade"])
 def test_liquid_in_a_turned_circle(motion):
-    """T14 at 8 spacings per radius; 1 % of the wall's speed and 6 % of the stress, a third more than was measured."""
+    """At 8 spacings per radius; 1 % of the wall's speed and 6 % of the stress, a third more than was measured."""
     case = turned_sphere.Parameters(dimension=2, motion=motion, womersley=2.0, resolutions=(8,), periods=1.0, steps=100,
                                     tolerance=0.01, stress_tolerance=0.06)
     outcome = turned_sphere.run(case)
@@ -135,7 +136,7 @@ def test_liquid_in_a_turned_circle(motion):
     assert len(judged) == 4 and all(row.holds for row in judged), judged
 
 
-@pytest.mark.usefixtures("taichi")
+@pytest.mark.usefixtures("anew")
 def test_modes_and_oscillation_have_no_slip_and_start_at_rest():
     for motion, dimension in (("oscillation", 2), ("oscillation", 3), ("saccade", 2), ("saccade", 3)):
         case = turned_sphere.Parameters(dimension=dimension, motion=motion, womersley=3.0)
@@ -175,4 +176,4 @@ def test_wall_without_liquid_has_no_stress():
 
 
 def test_period_counts_for_the_time_step():
-    assert Oscillation(5.0, 10.0, OUT).scale(3.0, 1e-3) == pytest.approx(0.05)
+    assert Oscillation(np.radians(5.0), 10.0, OUT).scale(3.0, 1e-3) == pytest.approx(0.05)

@@ -59,7 +59,7 @@ def test_fill_is_reached_and_kept(record):
 def test_nothing_leaves_and_nothing_piles_up(record):
     steps, _ = record
     assert steps["radius"].max() < cavities.RADIUS
-    # The recipe measured 0.98-1.03 where nothing splits; a split or merge disturbs its neighbors for a few steps
+    # A trial had 0.98-1.03 where nothing splits; a split or merge disturbs its neighbors for a few steps
     # (measured 0.86-1.20). Without the matching source it was 0.54-1.76.
     assert steps["compression_low"].min() > 0.9 and steps["compression_high"].max() < 1.1
     assert steps["compression_minimum"].min() > 0.75 and steps["compression_maximum"].max() < 1.3

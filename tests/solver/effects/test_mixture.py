@@ -1,6 +1,7 @@
 """Mixtures: what drift and diffusion conserve, that fractions stay in bounds, and that both have the right speed.
 
-Short versions of the cases T18 to T20 of the validation study; particles do not move where nothing else is said.
+Short versions of the families `diffusion`, `sedimentation` and `drift_drag` of the study `validation`.
+Particles do not move where nothing else is said.
 """
 import cavities
 import numpy as np
@@ -40,17 +41,17 @@ def test_checkerboard_far_beyond_the_explicit_limit():
 
 
 def test_disordered_step_diffuses_with_its_coefficient():
-    """T18 on a packed set: 3 %. (On a lattice 1 %, which test_effects asks for.)"""
+    """On a packed set: 3 %. (On a lattice 1 %, which test_effects asks for.)"""
     all_hold(diffusion.run(diffusion.Parameters(resolutions=(24,), start="packed", tolerance=0.03)))
 
 
 def test_fronts_of_a_settling_mixture():
-    """T19 with 40 particles along the column: 8 %, for the top front has moved by 4 particles only when first seen."""
+    """With 40 particles along the column: 8 %, for the top front has moved by 4 particles only when first seen."""
     all_hold(sedimentation.run(sedimentation.Parameters(resolutions=(40,), tolerance=0.08)))
 
 
 def test_slip_with_drag_for_any_time_step():
-    """T20: exact for dt/tau from 1e-3 to 1e3; linear growth where there is no drag yet; both forms, one limit."""
+    """Exact for dt/tau from 1e-3 to 1e3; linear growth where there is no drag yet; both forms, one limit."""
     all_hold(drift_drag.run(drift_drag.Parameters(resolutions=(8,))))
 
 

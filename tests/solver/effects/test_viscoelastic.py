@@ -150,3 +150,12 @@ def test_stiffness_limits_the_time_step():
     parameters = ViscoelasticParameters((ElasticLiquid("gel", MODULUS), ElasticLiquid("other", 0.0)))
     limit = Viscoelastic.time_step_limit(parameters, Settings(2, (GEL, OTHER), numerics, (parameters,)))
     assert limit == pytest.approx(0.3e-3 / np.sqrt(MODULUS / GEL.density))
+
+
+def test_stress_turns_the_way_the_liquid_does(gel):
+    """An eighth of a turn to the left takes a pull along x and push along y to a shear that pulls along x = y."""
+    rate = 2.0 * np.pi / RELAXATION
+    gradient = ti.Matrix([[0.0, -rate], [rate, 0.0]])  # v = rate (-y, x)
+    turned = advance_stress(gel.effects[0], ti.Matrix([[1.0, 0.0], [0.0, -1.0]]), gradient, RELAXATION / 800.0, 100)
+    expected = np.exp(-0.125) * np.array([[0.0, 1.0], [1.0, 0.0]])
+    np.testing.assert_allclose(turned.to_numpy(), expected, atol=1e-4)

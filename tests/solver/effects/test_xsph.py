@@ -11,7 +11,7 @@ from pipeline.studies import shear_wave
 from sim.effects.xsph import Xsph, kinematic_viscosity
 from sim.settings import Liquid
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 SPACING = cavities.SPACING
 WATER, LIGHT = Liquid("water", 1000.0, 0.05), Liquid("light", 500.0, 0.2)
 MODES = pytest.mark.parametrize("values", [{"coefficient": 0.3}, {}], ids=["coefficient", "own viscosity"])
@@ -72,10 +72,10 @@ def test_liquid_that_moves_as_a_whole_is_not_braked():
 def test_wall_holds_the_liquid_where_it_does_not_slip(values):
     speed = {}
     for wall in ("no_slip", "free_slip"):
-        solver = cavities.build(
-            cavities.cavity("box", (12e-3, 12e-3), periodic=(0,)), liquids=(WATER,), scheme="position_based",
-            effects=(cavities.parameters("xsph", wall=wall, **values),), phase=lambda x: np.zeros(len(x)),
-            velocity=lambda x: np.ones_like(x) * [0.1, 0.0])
+        solver = cavities.anew(
+            cavities.build, cavities.cavity("box", (12e-3, 12e-3), periodic=(0,)), liquids=(WATER,),
+            scheme="position_based", effects=(cavities.parameters("xsph", wall=wall, **values),),
+            phase=lambda x: np.zeros(len(x)), velocity=lambda x: np.ones_like(x) * [0.1, 0.0])
         cavities.run(solver, 0.05)
         position, velocity = cavities.read(solver, "position", "velocity")
         edge = np.abs(position[:, 1]) > 5e-3

@@ -32,7 +32,7 @@ def test_mean_pressure_is_the_weight_of_what_lies_above(ratio):
 
     cavities.run(solver, 4.0 * math.sqrt(HEIGHT / GRAVITY), sample)
     weight, pressure = np.mean(samples, axis=0)
-    assert pressure == pytest.approx(weight, rel=0.15)
+    assert pressure == pytest.approx(weight, rel=0.06)
     assert cavities.root_mean_square_speed(solver) < 0.1 * math.sqrt(GRAVITY * HEIGHT)
     density, mass, volume = cavities.read(solver, "density", "mass", "volume")
     assert (density / (mass / volume)).max() < (1.01 if ratio == 1.0 else 1.05)
@@ -137,7 +137,7 @@ def test_relaxation_falls_with_the_support():
     assert 0.2 < wide < narrow < 1.0
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_every_effect_runs(dimension):
     solver = full_box("dfsph", dimension, [name for name in REGISTRY if name not in DFSPH.refuses])
-    assert_runs(solver, 0.5)
+    assert_runs(solver, 0.15)  # measured 0.07

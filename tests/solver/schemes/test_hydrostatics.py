@@ -34,14 +34,15 @@ def test_pressure_is_the_weight_of_what_lies_above(tank):
     expected = -1000.0 * GRAVITY * np.where(y < 0.0, y, ratio * y)
     error = state["pressure"] - expected
     error -= error.mean()       # the pressure is known up to a constant
-    # Validation T1: 2 %; the layer next to the interface is off by up to its own weight.
+    # The study `validation` asks for 2 %; the layer next to the interface is off by up to its own weight.
     assert np.sqrt((error**2).mean()) < 0.02 * 1000.0 * GRAVITY * height
     assert np.abs(error).max() < 0.08 * 1000.0 * GRAVITY * height
 
 
 def test_liquid_stays_at_rest(tank):
     _, ratio, height, speed = tank
-    # Validation T1: 1e-3 of sqrt(g H). At 1:2 the recipe has 7e-3: the jump of the weight at the interface.
+    # The study `validation` asks for 1e-3 of sqrt(g H). At 1:2 a trial had 7e-3: the
+    # jump of the weight at the interface.
     assert speed[-1] < {0.5: 1e-2, 0.965: 1e-3}[ratio] * np.sqrt(GRAVITY * height)
     assert max(speed) < {0.5: 2e-2, 0.965: 3e-3}[ratio] * np.sqrt(GRAVITY * height)
 

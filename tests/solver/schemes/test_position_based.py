@@ -10,7 +10,7 @@ from sim.effects.viscoelastic import ElasticLiquid
 from sim.schemes.position_based import PositionBased, PositionBasedParameters
 from sim.settings import Liquid
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = pytest.mark.usefixtures("anew")
 GRAVITY = 9.81
 SPACING = cavities.SPACING
 WIDTH, HEIGHT, FILL = 12, 24, 16    # of the tank and its liquid, in spacings
@@ -45,25 +45,28 @@ def settled(solver, until=0.3):
 
 
 @pytest.fixture(scope="module")
-def still():
+def still(taichi):
+    """Return level and pressure of a column at rest, and the height of its particles above the floor."""
     solver = column()
-    return solver, *settled(solver)
+    return *settled(solver), solver.snapshot()["position"][:, 1] + 0.5 * HEIGHT * SPACING
 
 
 def test_column_keeps_its_volume(still):
-    """Validation T22: 1 % from the lattice."""
-    assert abs(still[1] - 1.0) < 0.01
+    """1 % from the lattice, as the study `validation` asks for."""
+    assert abs(still[0] - 1.0) < 0.01
 
 
 def test_density_of_the_paper_loses_a_fifth():
-    """E24: 1.25 particles per dx^2 are reached at 80 %; a few per cent more, as a surface resists late."""
+    """1.25 particles per dx^2 [pbf, section Initialization] are reached at 80 %.
+
+    A few per cent more, as a surface resists late.
+    """
     volume, _ = settled(column(rest_density="paper"))
     assert 0.74 < volume < 0.82
 
 
 def test_multipliers_are_the_hydrostatic_pressure(still):
-    solver, _, pressure = still
-    y = solver.snapshot()["position"][:, 1] + 0.5 * HEIGHT * SPACING
+    _, pressure, y = still
     depth = FILL * SPACING
     error = pressure - 1000.0 * GRAVITY * np.maximum(depth - y, 0.0)
     assert np.sqrt((error**2).mean()) < 0.06 * 1000.0 * GRAVITY * depth
@@ -113,7 +116,7 @@ def dam(walls="particles", columns=16):
 
 
 def test_dam_break_front():
-    """Martin & Moyce (1952), a = 2.25 in; computed fronts run ahead of a gate that takes time to open (T16)."""
+    """Martin & Moyce (1952), a = 2.25 in; computed fronts run ahead of a gate that takes time to open."""
     solver, corner, width, unit = dam()
     front = cavities.run(solver, 3.4 * unit, lambda s: (
         s.time / unit, (np.sort(cavities.read(s, "position")[0][:, 0])[-3] - corner[0]) / width))
@@ -125,7 +128,7 @@ def test_dam_break_front():
 
 @pytest.mark.slow
 def test_particles_stick_where_positions_are_clamped():
-    """S2: at clamped walls nothing pushes particles away, and they gather on the surface itself.
+    """As in [pbf, fig. 1]: at clamped walls nothing pushes particles away, and they gather on the surface itself.
 
     The share near the wall depends on the resolution; what is asserted is the contrast at the same one.
     """
@@ -151,7 +154,7 @@ def test_restart_is_bit_identical():
     middle = solver.state()
     cavities.run(solver, 0.04)
     end = solver.state()
-    again = column(liquids=(WATER, LIGHT))
+    again = cavities.anew(column, liquids=(WATER, LIGHT))
     again.restore(middle)
     cavities.run(again, 0.04)
     for name, values in again.state().items():
@@ -216,11 +219,11 @@ def test_adhesion_draws_a_drop_out():
 
 
 def test_equality_clumps_and_artificial_pressure_parts():
-    """S2 and Macklin & Mueller: a free surface that pulls draws particles together; s_corr keeps them apart."""
+    """[pbf, eq. 7; macklin2013, eq. 13]: a surface that pulls draws particles together; s_corr keeps them apart."""
     least = {}
     for name, changes in {"inequality": {}, "equality": {"constraint": "equality"},
                           "corrected": {"constraint": "equality", "artificial_pressure": 0.01}}.items():
-        solver = free(**changes)
+        solver = cavities.anew(free, **changes)
         cavities.run(solver, 0.1)
         position, velocity, mass = cavities.read(solver, "position", "velocity", "mass")
         least[name] = nearest(position).min()
@@ -263,7 +266,7 @@ EFFECTS = {
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},
     "adhesion": {"beta": 10.0},
-    "interface_tension": {"coefficient": 0.04, "contact_angle": 60.0},
+    "interface_tension": {"coefficient": 0.04, "contact_angle": np.radians(60.0)},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
     "diffusion": {"coefficient": 1e-5},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "efficiency": 1e6,

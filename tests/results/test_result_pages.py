@@ -1,0 +1,157 @@
+"""The pages of results are those of their tables, and fresh runs bring their numbers into the tables."""
+import csv
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.base.errors import UserError
+from pipeline.result_pages import main
+from pipeline.results.tables import read_layout, read_rows, write_rows
+from pipeline.study_kit.model import COLUMNS as STUDY_COLUMNS
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def project(tmp_path) -> Path:
+    """A copy of all that the pages are made of."""
+    shutil.copytree(ROOT / "docs" / "results", tmp_path / "docs" / "results")
+    for name in ("README.md", "benchmarks/dam_break/results.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    return tmp_path
+
+
+def run(project: Path, *arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "pipeline.result_pages", "--project", project, *arguments]
+    return subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True)
+
+
+def rows_of(project: Path, name: str) -> list:
+    folder = project / "docs" / "results"
+    return read_rows(folder, next(page for page in read_layout(folder).pages if page.name == name))
+
+
+def study_table(project: Path, name: str, level: str, *lines: dict) -> Path:
+    folder = project / "outputs" / "studies" / name / level
+    folder.mkdir(parents=True)
+    with (folder / "table.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, STUDY_COLUMNS, restval="")
+        writer.writeheader()
+        writer.writerows(lines)
+    return folder
+
+
+def test_the_pages_and_the_readme_are_those_of_their_tables():
+    assert main(["--check"]) == 0
+
+
+def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_written(project):
+    table = project / "docs" / "results" / "costs.csv"
+    table.write_text(table.read_text().replace("of the simulation,15.5,", "of the simulation,14.5,"))
+    stale = run(project, "--check")
+    assert stale.returncode == 1
+    assert [line.split()[1].rpartition("/")[2] for line in stale.stderr.splitlines()] == ["costs.md", "README.md"]
+    assert "is older than its tables: python -m pipeline.result_pages" in stale.stderr
+    assert run(project).returncode == 0
+    assert run(project, "--check").returncode == 0
+    assert "**14.5 min**" in (project / "README.md").read_text()
+
+
+def test_a_page_without_a_table_is_told(project):
+    (project / "docs" / "results" / "old.md").write_text("# Old\n")
+    found = run(project, "--check")
+    assert found.returncode == 2
+    assert "old.md: belongs to no page" in found.stderr
+
+
+def test_a_study_replaces_the_row_of_the_same_case_quantity_and_level(project):
+    line = {"case": "oil_shape s1_tamponade_gamma3", "quantity": "sphericity of the oil at the end",
+            "value": "0.851234", "unit": "1"}
+    before = rows_of(project, "oil_shape")
+    other = study_table(project, "oil_shape_study", "standard", line)
+    assert run(project, "--take", other).returncode == 2  # the table has no row of that level
+    taken = run(project, "--take", study_table(project, "oil_shape_study", "draft", line), "--code", "0.2 (abc)")
+    assert taken.returncode == 0, taken.stderr
+    after = rows_of(project, "oil_shape")
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert [(old.value, new.value, new.code) for old, new in changed] == [("0.847", "0.851", "0.2 (abc)")]
+    assert "| gamma = 3 | 0.58 | 0.851 |" in (project / "docs" / "results" / "oil_shape.md").read_text()
+    assert run(project, "--check").returncode == 0
+
+
+def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project):
+    case = "oil_in_sphere-3-0.8-18.2--35-0.1-0 R/dx=11"
+    lines = ({"case": case, "quantity": "arc of contact", "value": "190", "unit": "deg", "reference": "184",
+              "error": "6", "tolerance": "5", "holds": "false"},)
+    assert run(project, "--take", study_table(project, "validation", "standard", *lines)).returncode == 0
+    row = next(row for row in rows_of(project, "oil_in_sphere") if row.source == f"{case}: arc of contact")
+    assert (row.value, row.expected, row.error, row.error_unit, row.holds) == ("190.0", "184.0", "6", "deg", "no")
+    lines = ({"case": "position_based pbf_honey", "quantity": "radius at the end, viscous current (Huppert 1982)",
+              "value": "0.14", "unit": "m", "reference": "0.1428571", "error": "0.02", "tolerance": "0.1",
+              "holds": "true"},)
+    assert run(project, "--take", study_table(project, "pbf_study", "draft", *lines)).returncode == 0
+    row = next(row for row in rows_of(project, "position_based") if "pbf_honey: radius" in row.source)
+    assert (row.value, row.unit, row.expected, row.error, row.error_unit) == ("140", "mm", "143", "2", "%")
+    assert (row.allowed, row.holds) == ("10", "yes")
+
+
+def test_new_cases_come_only_where_they_are_asked_for(project):
+    line = {"case": "spin_down-central n=32", "quantity": "decay rate", "value": "5.8", "unit": "1/s"}
+    folder = study_table(project, "validation", "fine", line)
+    assert run(project, "--take", folder).returncode == 2
+    assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
+    row = rows_of(project, "validation")[-1]
+    assert (row.table, row.case, row.value, row.level) == ("flow", line["case"], "5.8", "fine")
+
+
+def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
+    folder = project / "outputs" / "tamponade" / "standard"
+    (folder / "logs").mkdir(parents=True)
+    head = "frame,fill [%],particles_outside [1],speed_rms [mm/s],retina_coverage_inferior [%]"
+    (folder / "metrics.csv").write_text(head + "".join(f",retina_coverage_{part} [%]" for part in (
+        "whole", "superior", "macula")) + "\n0,0,0,0,0,0,0,0\n1,84.9,3,0.5,35.5,50,70,100\n")
+    for segment, wall in (("000", 60.0), ("001", 30.0)):
+        (folder / "logs" / f"simulate_{segment}.log.json").write_text(
+            f'{{"wall": {wall}, "cpu": {2 * wall}, "memory": 1e9}}')
+    taken = run(project, "--take", folder)
+    assert taken.returncode == 0, taken.stderr
+    eye = {row.quantity: row for row in rows_of(project, "eye") if (row.case, row.level) == ("tamponade", "standard")}
+    assert eye["fill at the end"].value == "84.9000"
+    inferior = eye["retina under the oil, upright: inferior half"]
+    assert (inferior.value, inferior.error, inferior.holds) == ("36", "0.5", "yes")
+    outside = eye["particles outside the wall, most in any frame"]
+    assert (outside.value, outside.holds) == ("3", "no")
+    costs = {row.quantity: row.value for row in rows_of(project, "costs") if row.case.startswith("tamponade, 4 s")}
+    assert (costs["wall time of the simulation"], costs["time of all cores, simulation"]) == ("1.5", "3")
+    assert costs["memory"] == "1.00"
+    assert "**84.9000 %**" in (project / "README.md").read_text()
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    ({"value": "0.1 to 0.2"}, "must be one number"),
+    ({"error": "3", "allowed": "2", "holds": "yes"}, "but the error is 3 and 2 is allowed"),
+    ({"table": "nowhere"}, "is in the table nowhere"),
+    ({"value": "", "error": ""}, "has neither value nor error"),
+])
+def test_a_wrong_row_is_told_and_not_printed(project, change, told):
+    folder = project / "docs" / "results"
+    page = next(page for page in read_layout(folder).pages if page.name == "effects")
+    rows = read_rows(folder, page)
+    for name, value in change.items():
+        setattr(rows[0], name, value)
+    write_rows(folder, page, rows)
+    with pytest.raises(UserError, match=told):
+        read_rows(folder, page)
+
+
+def test_every_number_says_where_it_comes_from():
+    folder = ROOT / "docs" / "results"
+    for page in read_layout(folder).pages:
+        for row in read_rows(folder, page):
+            assert row.code, f"{page.name}: {row.case}"
+            assert row.command, f"{page.name}: {row.case}"
+
