@@ -314,7 +314,8 @@ same = all(np.array_equal(np.asarray(expected[name]), np.asarray(value)) for nam
 print("same bits:", same)
 '''
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True,
-                            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}, cwd=Path(__file__).parents[2])
+                            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+                            cwd=Path(__file__).parents[2])
     assert "refused: there are" in result.stdout and "going on from 0 s with more room" in result.stdout
     assert "same bits: True" in result.stdout, result.stdout
 
