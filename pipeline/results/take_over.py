@@ -14,6 +14,7 @@ import math
 import os
 import re
 import subprocess
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from pipeline.results.tables import Layout, Page, Row
 from pipeline.scenes.units import parse_quantity
 
 STUDIES = "studies"
-HOW = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
+HOW: dict[str, Callable] = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
 TAKEN = {"wall": "s", "cpu": "s", "memory": "B"}
 
 
