@@ -17,5 +17,5 @@ class Measure:
     name: str
     unit: str
     meaning: str
-    function: Callable[[object, float], float]
+    function: Callable[..., float]
     of_eye: bool = False

@@ -1,5 +1,6 @@
 """The validated scene as the solver sees it: frozen, SI, without paths."""
 import dataclasses
+from typing import Any
 
 from sim.devices import AUTO, DEVICES
 from sim.parameters import parameter
@@ -69,6 +70,6 @@ class Settings:
     continued: bool = False
 
     @property
-    def scheme_class(self) -> type:
+    def scheme_class(self) -> Any:
         """The scheme that ``numerics.scheme`` names."""
         return SCHEMES[self.numerics.scheme]

@@ -2,6 +2,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Any
 
 from pipeline.measures.frame_view import Measured
 from pipeline.scenes.effects import does, effects_that
@@ -58,7 +59,7 @@ def metrics_of_effect(effect: type[Effect]) -> list[Metric]:
 
 def registrar(metrics: list[Metric]) -> Callable:
     """Return the decorator ``@metric(unit, meaning)`` that appends a function, as the metric of its name."""
-    def metric(unit: str, meaning: str, **of: bool) -> Callable:
+    def metric(unit: str, meaning: str, **of: Any) -> Callable:
         def register(function: Callable[[Measured], Value]) -> Callable[[Measured], Value]:
             metrics.append(Metric(function.__name__, unit, meaning, function, **of))
             return function

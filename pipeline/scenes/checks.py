@@ -38,30 +38,30 @@ def _check(function: Callable[..., Found]) -> Callable[..., Found]:
     return function
 
 
-def check(parts: Mapping[str, object]) -> Found:
+def check(parts: Mapping[str, Any]) -> Found:
     """Yield the errors of all checks whose parts (fields of a Scene, by name) are there."""
     for function in _CHECKS:
         yield from _asked(function, parts)
-    yield from _of_effects(parts | {"begins": True})
+    yield from _of_effects({**parts, "begins": True})
 
 
-def _asked(function: Callable[..., Found], parts: Mapping[str, object]) -> Found:
+def _asked(function: Callable[..., Any], parts: Mapping[str, Any]) -> Found:
     names = inspect.signature(function).parameters
     if names.keys() <= parts.keys():
         with contextlib.suppress(NotRead):
             yield from function(**{name: parts[name] for name in names})
 
 
-def _of_effects(parts: Mapping[str, object], about: str = "") -> Found:
+def _of_effects(parts: Mapping[str, Any], about: str = "") -> Found:
     """Yield the errors of the checks of effects (`Effect.checks`), of those only that ask for a part, if named."""
     for name, function in _SERVICES.items():
         known = [] if name in parts else list(_asked(function, parts))
         if known:
-            parts = parts | {name: known[0]}
+            parts = {**parts, name: known[0]}
     for name, parameters in parts.get("effects", {}).items():
         for function in REGISTRY[name].checks:
             if not about or about in inspect.signature(function).parameters:
-                yield from _asked(function, parts | {"parameters": parameters})
+                yield from _asked(function, {**parts, "parameters": parameters})
 
 
 # What checks of effects can ask for beside the parts of a scene; nothing is yielded where it is not known.
@@ -89,7 +89,7 @@ def _fill(initial: Initial, start_from: str | None, container: Container | None,
         yield fill
 
 
-_SERVICES = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
+_SERVICES: dict[str, Callable[..., Any]] = {"closed": _closed, "bulk_liquids": _bulk_liquids, "fill": _fill}
 
 
 def _of_eye(name: str, parts: Mapping) -> object:
@@ -116,7 +116,7 @@ def check_start(parts: Mapping[str, Any], start: Scene, fill: Mapping[str, float
     fill : share of the cavity that each liquid holds at the end of it, where that is known.
     """
     if fill is not None:
-        yield from _of_effects(parts | {"fill": fill, "begins": False}, "fill")
+        yield from _of_effects({**parts, "fill": fill, "begins": False}, "fill")
     for key, shown in _SAME_AS_START.items():
         with contextlib.suppress(NotRead, KeyError):
             found, expected = shown(parts), shown(vars(start))

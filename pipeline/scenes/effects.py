@@ -1,11 +1,13 @@
 """What the effects of a scene know and declare, whichever they are."""
+from typing import Any
+
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
 SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
 
 
-def known_by_an_effect(scene: Scene, hook: str) -> object | None:
+def known_by_an_effect(scene: Scene, hook: str) -> Any:
     """Return what the first effect that knows it gives in a hook that takes its parameters; None where none does."""
     answers = (getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
     return next((one for one in answers if one is not None), None)

@@ -61,7 +61,7 @@ class Scheme(abc.ABC):
     fields: tuple[Field, ...] = ()
     fills: tuple[str, ...] = ("closed", "open")
     lacks: Mapping[str, str] = MappingProxyType({})
-    refuses: Mapping[str, str] = _Refusals()
+    refuses = _Refusals()
     one_sided: bool = False
     unread: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
