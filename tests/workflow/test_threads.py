@@ -144,7 +144,7 @@ def test_stages_refuse_threads_beyond_the_cores_before_all_else(tmp_path, stage)
 def flow(project, monkeypatch):
     """Return the workflow of a project on a computer with 64 cores."""
     monkeypatch.chdir(project.folder)
-    for module in (study_workflow, scene_threads):
+    for module in (study_workflow, scene_threads, threads):
         monkeypatch.setattr(module, "available_cores", lambda: 64)
     project.write_scene("four", "extends: tiny\nnumerics: {threads: 4}\n")
     return workflow.Workflow({"scenes": ["tiny"], "accuracy": "draft"})
