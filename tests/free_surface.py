@@ -18,7 +18,7 @@ EFFECT_PARAMETERS = {"interface_tension": {"coefficient": 0.04}, "cohesion": {"g
                      "curvature": {"gamma": 0.1}, "adhesion": {"beta": 0.1}, "diffusion": {"coefficient": 1e-6},
                      "drift": {"droplet_diameter": 1e-5},
                      "viscoelastic": {"liquids": (ElasticLiquid("oil", 10.0, 0.1),)},
-                     "eye_rotation": {"oscillation": Oscillation(10.0, 5.0, (0.0, 0.0, 1.0))},
+                     "eye_rotation": {"oscillation": Oscillation(math.radians(10.0), 5.0, (0.0, 0.0, 1.0))},
                      "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets"}}
 
 
