@@ -69,24 +69,36 @@ def copied(folder: Path) -> Path:
 
 
 def place_of(fault: Fault, project: Path) -> Path:
-    """Return the file with the snippet of a fault; end where there is not exactly one such place."""
+    """Return the file with the snippet of a fault.
+
+    Raises
+    ------
+    LookupError
+        There is not exactly one such place.
+    """
     counts = {path: path.read_text(encoding="utf-8").count(fault.snippet)
               for package in PACKAGES for path in sorted((project / package).rglob("*.py"))}
     found = sum(counts.values())
     if found != 1:
-        sys.exit(f"error: {fault.name}: its snippet stands {found} times below {' and '.join(PACKAGES)}, but must "
-                 f"stand there once: {fault.snippet}")
+        raise LookupError(f"{fault.name}: its snippet stands {found} times below {' and '.join(PACKAGES)}, but must "
+                          f"stand there once: {fault.snippet}")
     return max(counts, key=counts.get)
 
 
 def test_of(fault: Fault, project: Path) -> str:
-    """Return what pytest calls the finder of a fault; end where there is not exactly one such test."""
+    """Return what pytest calls the finder of a fault.
+
+    Raises
+    ------
+    LookupError
+        There is not exactly one such test.
+    """
     stem, _, test = fault.finder.rpartition("::")
     function = test.partition("[")[0]
     found = [path for path in sorted((project / "tests").rglob("test_*.py"))
              if f"def {function}(" in path.read_text(encoding="utf-8") and stem in ("", path.stem)]
     if len(found) != 1:
-        sys.exit(f"error: {fault.name}: {len(found)} files have a test {fault.finder}, but one must")
+        raise LookupError(f"{fault.name}: {len(found)} files have a test {fault.finder}, but one must")
     return f"{found[0].relative_to(project)}::{test}"
 
 
@@ -138,8 +150,6 @@ def is_sound(faults: list[Fault]) -> bool:
     with tempfile.TemporaryDirectory(prefix="sound_") as folder:
         project = copied(Path(folder))
         tests = list(dict.fromkeys(test_of(fault, project) for fault in faults))
-        for fault in faults:
-            place_of(fault, project)
         failed, code = run_tests(project, tests, TIMEOUT * len(tests))
     for test, reason in failed:
         print(f"fails without a fault: {test}: {reason}")
@@ -167,12 +177,19 @@ def page_of(findings: list[Finding]) -> str:
 
 
 def chosen_faults(names: list[str] | None) -> list[Fault]:
-    """Return the faults of some names, or all; end where there is no such fault."""
+    """Return the faults of some names, or all; end with a sentence for each that is unknown or stale."""
     known = {fault.name: fault for fault in FAULTS}
-    for name in names or ():
-        if name not in known:
-            sys.exit(f"error: no fault is called {name}; there are {', '.join(known)}")
-    return [known[name] for name in names] if names else list(FAULTS)
+    wrong = [f"no fault is called {name}; there are {', '.join(known)}" for name in names or () if name not in known]
+    chosen = [known[name] for name in names or known if name in known]
+    for fault in chosen:
+        for look_up in (place_of, test_of):
+            try:
+                look_up(fault, ROOT)
+            except LookupError as error:
+                wrong.append(error.args[0])
+    if wrong:
+        sys.exit("\n".join(f"error: {sentence}" for sentence in wrong))
+    return chosen
 
 
 def main(arguments: list[str] | None = None) -> int:
