@@ -356,7 +356,7 @@ FAULTS = (
           "shown = [numbers[0], numbers[-1], numbers.min(), numbers.max()]",
           "shown = [numbers[-1], numbers[0], numbers.min(), numbers.max()]",
           "test_summary_shows_start_end_smallest_and_largest_number"),
-    Fault("wall_shear", "the velocity at the wall is fitted over the depth below the wall particles",
+    Fault("wall_shear", "the velocity at the wall is fitted over the distance to the wall point, not over the depth",
           "depth = np.maximum(-distance.sample(position), 0.0)[particle]",
           "depth = apart",
           "test_stress_on_the_retina_of_an_eye_that_turns"),
