@@ -150,6 +150,7 @@ def test_modes_and_oscillation_have_no_slip_and_start_at_rest():
         assert -viscosity * slope == pytest.approx(exact.stress(time), rel=2e-3)
 
 
+@pytest.mark.usefixtures("taichi")
 def test_linear_shear_is_read_exactly():
     """Velocity G d along the wall of a circle: mu G; to 1 %, as the wall is round and its distance sampled."""
     arrays = cavities.cavity("circle", cavities.RADIUS)
@@ -164,6 +165,7 @@ def test_linear_shear_is_read_exactly():
     np.testing.assert_allclose(stress, expected, atol=0.14)
 
 
+@pytest.mark.usefixtures("taichi")
 def test_wall_without_liquid_has_no_stress():
     arrays = cavities.cavity("circle", cavities.RADIUS)
     distance = SignedDistance(arrays["sdf_values"], arrays["sdf_origin"], float(arrays["sdf_cell"]))
