@@ -105,8 +105,8 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
     volume = float(load_initial(initial)["cavity_volume"])
     phases = phases_of(scene, volume, folder, begun=start is not None)
     write_text(work / "phases.json", json.dumps([dataclasses.asdict(phase) for phase in phases]))
-    first = run_stage("probe", resolved, initial, "--output", work / "compiled.json")
-    took = run_stage("probe", resolved, initial, "--phases", work / "phases.json", "--seconds", PROBE_SECONDS,
+    first = run_stage("forecast.probe", resolved, initial, "--output", work / "compiled.json")
+    took = run_stage("forecast.probe", resolved, initial, "--phases", work / "phases.json", "--seconds", PROBE_SECONDS,
                      *(("--start", start) if start else ()), "--output", work / "probe.json", quiet=False)
     probe = json.loads((work / "probe.json").read_text())
     stages |= {stage: time_stage(stage, resolved, initial, mesh, work) for stage in STAGES}
@@ -193,8 +193,8 @@ def rehearse(scene: Scene, work: Path) -> dict:
     write_text(work / "scene.json", scene.to_json())
     save_initial(work / "initial.npz", container_arrays(scene))
     try:
-        run_stage("probe", work / "scene.json", work / "initial.npz", "--rehearse", "--seconds", REHEARSAL_SECONDS,
-                  "--output", work / "rehearsal.json", quiet=False)
+        run_stage("forecast.probe", work / "scene.json", work / "initial.npz", "--rehearse", "--seconds",
+                  REHEARSAL_SECONDS, "--output", work / "rehearsal.json", quiet=False)
     except UserError as error:
         return {"frames": [], "failed": list(error.messages)}
     return json.loads((work / "rehearsal.json").read_text())

@@ -165,9 +165,10 @@ def finished(tmp_path_factory, can_draw):
 
 
 def targets(can_draw):
-    """Return what to make of `tiny`; pictures only where they can be drawn."""
-    names = ["metrics.csv", "effects.html", "frames/frames.pvd", "surfaces/segment_000", "surfaces/segment_001"]
-    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4"] * can_draw]
+    """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
+    names = ["metrics.csv", "advice.html", "effects.html", "frames/frames.pvd", "surfaces/segment_000",
+             "surfaces/segment_001"]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html"] * can_draw]
 
 
 def test_tiny_scene_makes_everything(finished, can_draw):
