@@ -16,8 +16,9 @@ _PAGE = _TEMPLATES.from_string("""<!doctype html>
 <style>
 body{font:15px sans-serif;margin:2em auto;padding:0 1em;max-width:80em;line-height:1.4}
 table{border-collapse:collapse;display:block;overflow-x:auto}
-td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right}
+td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}
 td:first-child,th:first-child,td.words,th.words{text-align:left}
+td.words{white-space:normal}
 tr.marked{background:#fbe9e7}
 img{max-width:100%;height:auto}
 @media print{body{margin:0;max-width:none}table{display:table}tr{break-inside:avoid}}
