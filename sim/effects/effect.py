@@ -27,6 +27,7 @@ MIXES = "mixes liquids"
 PULLS = "pulls the interface together as a whole"
 REMEMBERS = "keeps a stress in particles"
 WEIGHS = "gives liquids a weight"
+GROWTH = "volumes that grow and shrink"  # what an effect can need of a scheme (`Effect.needs`)
 
 
 @ti.data_oriented

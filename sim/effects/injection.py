@@ -18,13 +18,12 @@ import numpy as np
 import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, shown
-from sim.effects.effect import MIXES, REMEMBERS, Effect
+from sim.effects.effect import GROWTH, MIXES, REMEMBERS, Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
-from sim.schemes.scheme import GROWTH
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
 FEWEST = 24  # particles that grow, and shrink, at a time

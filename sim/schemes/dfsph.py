@@ -16,11 +16,12 @@ from types import MappingProxyType
 import taichi as ti
 
 from sim.boundary import WallStop
+from sim.effects.effect import GROWTH
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
-from sim.schemes.scheme import GROWTH, Scheme
+from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 FEWEST_NEIGHBORS = {2: 7, 3: 20}  # with fewer, the divergence of a particle is not corrected

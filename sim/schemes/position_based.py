@@ -27,11 +27,12 @@ import numpy as np
 import taichi as ti
 
 from sim.boundary import WALL_CLEARANCE
+from sim.effects.effect import GROWTH
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real, real_numpy
-from sim.schemes.scheme import GROWTH, Scheme
+from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 PAPER_DENSITY = 1.25  # particles per dx^d at rest [pbf, section Initialization]: the liquid shrinks to 80 %

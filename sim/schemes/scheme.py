@@ -14,21 +14,18 @@ from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 
+from sim.effects import REGISTRY
 from sim.fields import Field
 
 if TYPE_CHECKING:  # the settings ask for the names of the schemes
     from sim.advice import Limit
     from sim.settings import Numerics, Settings
 
-GROWTH = "volumes that grow and shrink"  # what a scheme can lack that an effect needs
-
 
 class _Refusals:
     """The effects that a scheme cannot run, with the reason: those that need what it lacks."""
 
     def __get__(self, _, scheme: type["Scheme"]) -> Mapping[str, str]:
-        from sim.effects import REGISTRY  # effects know the settings, and these the schemes
-
         return MappingProxyType({effect.name: scheme.lacks[need] for effect in REGISTRY.values()
                                  for need in effect.needs & scheme.lacks.keys()})
 

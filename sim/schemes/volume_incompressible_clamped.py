@@ -16,11 +16,12 @@ from types import MappingProxyType
 import taichi as ti
 
 from sim.boundary import WallStop
+from sim.effects.effect import GROWTH
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import Jacobi
-from sim.schemes.scheme import GROWTH, Scheme
+from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 SPRAY = 0.5  # compression rate over that at rest, below which a particle starts from p = 0 and may converge

@@ -16,10 +16,11 @@ import taichi as ti
 
 from sim.advice import ESTIMATE, Limit
 from sim.boundary import WallStop
+from sim.effects.effect import GROWTH
 from sim.fields import Field
 from sim.parameters import parameter
 from sim.runtime import real
-from sim.schemes.scheme import GROWTH, Scheme
+from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 MACH = 0.1  # largest speed over the speed of sound: densities then vary by about 1 %
