@@ -137,7 +137,7 @@ def test_relaxation_falls_with_the_support():
     assert 0.2 < wide < narrow < 1.0
 
 
-@pytest.mark.parametrize("dimension", [pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("dimension", [2, 3])
 def test_every_effect_runs(dimension):
     solver = full_box("dfsph", dimension, [name for name in REGISTRY if name not in DFSPH.refuses])
     assert_runs(solver, 0.15)  # measured 0.07
