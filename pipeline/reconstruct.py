@@ -1,4 +1,4 @@
-"""Stage: frames of particles -> one closed surface per liquid and frame, and a section of an eye for the pictures.
+"""Stage: frames of particles -> one closed surface per liquid and frame; of an eye also a section and its wall.
 
 In two dimensions the surfaces are closed lines.
 """
@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
@@ -14,10 +16,20 @@ from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.threads import checked_threads
 from pipeline.cavity.initial_state import load_initial
+from pipeline.measures.frame_view import Measured
+from pipeline.measures.wall_map import WallMapper
 from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.scenes.model import Scene
 from pipeline.surfaces.droplets import DROPLET_PARTICLES
 from pipeline.surfaces.liquid_surface import LiquidSurface, Reconstructor
-from pipeline.surfaces.surface_files import surface_path, write_copy, write_section, write_surface
+from pipeline.surfaces.surface_files import (
+    read_surface,
+    surface_path,
+    write_copy,
+    write_section,
+    write_surface,
+    write_wall,
+)
 
 LARGEST_VOLUME_ERROR = 0.02     # relative, where the stage fails
 
@@ -45,7 +57,32 @@ def check(path: Path, liquids: tuple[str, ...], surfaces: list[LiquidSurface], *
             print(f"warning: {sentence}; they are crowded, or spread as spray")
 
 
-def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=()) -> None:
+class Wall:
+    """The wall of one eye, with what touches it in every frame.
+
+    Parameters
+    ----------
+    surface : pyvista.PolyData of the cavity in m.
+    initial : arrays of ``initial.npz``.
+    """
+
+    def __init__(self, scene: Scene, initial: dict[str, np.ndarray], surface):
+        self.scene, self.initial, self.surface = scene, initial, surface
+        self.mapper = WallMapper(surface.points, surface.regular_faces)
+
+    def write(self, path: Path, frame: FrameData) -> dict[str, dict[str, float]]:
+        """Write the wall of a frame; return the covered share of every part of the retina and its uncertainty, 1."""
+        state = Measured(self.scene, self.initial, frame)
+        contact = state.wall
+        wall = self.mapper.map(contact)
+        write_wall(path, self.surface, wall.contact_distance, wall.oil_fraction)
+        parts = contact.retina_masks() | contact.quadrant_masks(state.right_eye)
+        return {name: {"covered": contact.covered_share(mask), "uncertainty": 0.5 * contact.band_share(mask)}
+                for name, mask in parts.items()}
+
+
+def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=(),
+                   wall: Wall | None = None) -> None:
     """Reconstruct the frame read from ``path`` and write its files into ``folder``."""
     surfaces = reconstructor.surfaces(frame)
     mixed = bool(((frame.volume_fraction > 1e-3) & (frame.volume_fraction < 1.0 - 1e-3)).any())
@@ -61,6 +98,8 @@ def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Re
         write_section(folder / f"{path.stem}_section.vti", section)
     statistics = {"time": frame.time, "mixed": mixed, "liquids": dict(zip(
         frame.liquids, (surface.statistics for surface in surfaces), strict=True))}
+    if wall is not None:
+        statistics["retina"] = wall.write(folder / f"{path.stem}_wall.vtp", frame)
     (folder / f"{path.stem}.json").write_text(json.dumps(statistics, indent=2) + "\n")
 
 
@@ -79,6 +118,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=0, metavar="N",
                         help="threads of the field (default 0: as many as are useful)")
     parser.add_argument("--device", help=f"{HELP} (default: numerics.device of the scene)")
+    parser.add_argument("--eye", type=Path, metavar="eye.vtp",
+                        help="surface of the cavity: write it too, with what touches it, for the pictures of an eye")
     options = parser.parse_args(arguments)
 
     from pipeline.scenes.load import load_resolved
@@ -90,13 +131,17 @@ def main(arguments: list[str] | None = None) -> None:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
     initialize("f32", threads, device)
+    initial = load_initial(options.initial)
     reconstructor = Reconstructor(
-        load_initial(options.initial), len(scene.liquids), cell_ratio=scene.output.cell_ratio,
+        initial, len(scene.liquids), cell_ratio=scene.output.cell_ratio,
         method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations,
         free_surface=not scene.closed)
+    wall = None
+    if options.eye and scene.eye is not None and scene.dimension == 3:
+        wall = Wall(scene, initial, read_surface(options.eye))
     with replacing_folder(options.output) as folder, progress(len(paths), "reconstruct") as bar:
         for path in paths:
-            write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats)
+            write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats, wall)
             bar.update()
 
 

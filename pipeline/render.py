@@ -1,4 +1,4 @@
-"""Stage: surfaces and sections -> pictures: on the left where the oil is in the section, on the right its body.
+"""Stage: surfaces, sections and walls -> pictures: the section, the opened eye, and the map of the fundus.
 
 Containers have a picture of their own (``pipeline.pictures.container_picture``).
 """
@@ -14,50 +14,98 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
-from pipeline.pictures.marks import FAINT_INK, OVERSAMPLING, color_bar, header, pretty, reduce, write
-from pipeline.pictures.section_panel import COLORS, DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
-from pipeline.scenes.effects import droplets_of
-from pipeline.surfaces.surface_files import read_section, read_surface, surface_path
+from pipeline.pictures.fundus_map import Coverage, FundusMap
+from pipeline.pictures.marks import (
+    FAINT_INK,
+    INK,
+    OVERSAMPLING,
+    clock,
+    color_bar,
+    diamond,
+    gravity_mark,
+    header,
+    pretty,
+    reduce,
+    write,
+)
+from pipeline.pictures.paint import COLORS
+from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
+from pipeline.scenes.effects import droplets_of, places_at_work
+from pipeline.surfaces.surface_files import read_retina, read_section, read_surface, read_wall, surface_path
 
-HEADER, FOOTER = 0.125, 0.115       # of the height
+HEADER, CAPTIONS, FOOTER = 0.12, 0.065, 0.105       # of the height
+COLUMNS, COLUMNS_WITHOUT_VIEW = (0.37, 0.25, 0.38), (0.5, 0.5)     # of the width
+MARK_COLORS = {"cannula": (213, 94, 0), "drain": (204, 121, 167)}
+FAR_BESIDE, LEAST_BESIDE = 1e-3, 0.01   # m off the section, and share of the cavity, from which on it is said
 
 
 class Renderer:
-    """Draws the frames of one scene with an eye; made once, because the background and the window are kept.
+    """Draws the frames of one scene with an eye; made once, because backgrounds and the window are kept.
 
     Parameters
     ----------
     scene : resolved scene.
-    eye_surface : pyvista.PolyData of the cavity in m, or None for pictures without the right panel (no OpenGL needed).
+    cavity_volume : m3.
+    eye_surface : pyvista.PolyData of the cavity in m, or None for pictures without the opened eye (no OpenGL needed).
     """
 
-    def __init__(self, scene, eye_surface=None):
-        from pipeline.pictures.eye_view import EyeView
-
-        self.scene = scene
+    def __init__(self, scene, cavity_volume: float, eye_surface=None):
+        self.scene, self.cavity_volume = scene, cavity_volume
         self.size = tuple(OVERSAMPLING * length for length in scene.output.image_size)
         width, height = self.size
-        self.top, self.bottom = round(HEADER * height), round((1.0 - FOOTER) * height)
-        self.split = width // 2 if eye_surface is not None else width
+        self.top, self.bottom = round((HEADER + CAPTIONS) * height), round((1.0 - FOOTER) * height)
+        shares = COLUMNS if eye_surface is not None else COLUMNS_WITHOUT_VIEW
+        self.columns = [round(width * share) for share in np.cumsum([0.0, *shares])]
         liquids = [liquid.name for liquid in scene.liquids]
         clear = (liquid.name for liquid in scene.liquids if liquid.clear)
         self.water = next(clear, liquids[0] if len(liquids) > 1 else None)
         self.droplets = droplets_of(scene)
         self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
-        self.panel = None
+        self.right_eye = scene.eye.side == "right"
+        self.panel: SectionPanel | None = None
+        self.fundus: FundusMap | None = None
         self.view = None
         if eye_surface is not None:
-            self.view = EyeView(eye_surface, (width - self.split, self.bottom - self.top))
+            from pipeline.pictures.eye_view import EyeView
 
-    def picture(self, frame: FrameData, section, surfaces) -> Image.Image:
+            self.view = EyeView(eye_surface, self._panel_size(1), right_eye=self.right_eye)
+
+    def picture(self, frame: FrameData, section, wall, surfaces, retina: dict[str, Coverage]) -> Image.Image:
         """Picture of one frame.
 
         Parameters
         ----------
-        section : pyvista.ImageData of the reconstruct stage.
+        section, wall : pyvista.ImageData and pyvista.PolyData of the reconstruct stage.
         surfaces : dict liquid -> pyvista.PolyData.
+        retina : coverage of its parts.
         """
+        working = places_at_work(self.scene, frame.time, self.cavity_volume)
+        marks = [(MARK_COLORS.get(name, INK), point) for name, point in working]
+        canvas = Image.new("RGB", self.size, (255, 255, 255))
+        canvas.paste(self._section(frame, section, marks), (0, self.top))
+        if self.view is not None:
+            interfaces = [(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown]
+            canvas.paste(Image.fromarray(np.ascontiguousarray(self.view.draw(wall, interfaces))),
+                         (self.columns[1], self.top))
+        if self.fundus is None:
+            self.fundus = FundusMap(np.asarray(wall.points, float), self._panel_size(-1), right_eye=self.right_eye)
+        canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, quadrants=retina,
+                                      marks=marks), (self.columns[-2], self.top))
+        self._texts(canvas, frame, retina, [name for name, _ in working])
+        return reduce(canvas)
+
+    def close(self) -> None:
+        """Free the window."""
+        if self.view is not None:
+            self.view.close()
+
+    def _panel_size(self, column: int) -> tuple[int, int]:
+        left, right = (self.columns[-2:] if column < 0 else self.columns[column:column + 2])
+        return right - left, self.bottom - self.top
+
+    def _section(self, frame: FrameData, section, marks) -> Image.Image:
         count_y, count_z = section.dimensions[1:]
 
         def plane(name):
@@ -67,61 +115,78 @@ class Renderer:
             model = self.scene.eye
             eye = Eye(model.axial_length if model.model == "parametric" else None, model.lens)
             self.panel = SectionPanel(plane("signed_distance")[..., 0], section.origin[1:], section.spacing[1], eye,
-                                      (self.split, self.bottom - self.top))
+                                      self._panel_size(0))
         fraction, dominance = plane("fraction"), plane("dominance")
         lines = [dominance[..., k] for k in range(1, dominance.shape[-1])]
-        canvas = Image.new("RGB", self.size, (255, 255, 255))
         droplets = None if self.droplets is None else fraction[..., self.droplets]
-        canvas.paste(self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity, droplets),
-                     (0, self.top))
-        if self.view is not None:
-            body = self.view.draw([(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown])
-            canvas.paste(Image.fromarray(np.ascontiguousarray(body)), (self.split, self.top))
-        self._texts(ImageDraw.Draw(canvas), frame)
-        return reduce(canvas)
+        return self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity, droplets, marks)
 
-    def close(self) -> None:
-        """Free the window."""
+    def _texts(self, canvas: Image.Image, frame: FrameData, retina: dict[str, Coverage], working: list[str]) -> None:
+        draw, u = ImageDraw.Draw(canvas), self.size[1] / 100.0
+        header(draw, self.size, title=self.scene.title or self.scene.name,
+               time=clock(frame.time, self.scene.output.second_means), subtitle=self._headline(retina),
+               label=self.scene.label)
+        section = ["section through the optic axis, from the patient's left", self._beside(frame)]
+        fundus = [f"fundus of the {self.scene.eye.side} eye, as its examiner sees it", self._fill(frame)]
+        captions = [section, fundus] if self.view is None else [section, ["", ""], fundus]
+        for left, right, lines in zip(self.columns, self.columns[1:], captions, strict=False):
+            for row, line in enumerate(lines):
+                write(draw, (left + 2.0 * u, self.size[1] * HEADER + (0.8 + 3.0 * row) * u), line, 2.3 * u,
+                      color=FAINT_INK, width=right - left - 3.0 * u)
         if self.view is not None:
-            self.view.close()
+            self._halves(draw, frame, u)
+        down = frame.gravity / max(float(np.linalg.norm(frame.gravity)), 1e-9)
+        if down.any():
+            place = np.array([self.columns[-1] - 4.5 * u, self.top - 2.8 * u])
+            gravity_mark(draw, place, 2.8 * u, *down)
+        self._legend(canvas, draw, u, working)
 
-    def _texts(self, draw: ImageDraw.ImageDraw, frame: FrameData) -> None:
+    def _halves(self, draw: ImageDraw.ImageDraw, frame: FrameData, u: float) -> None:
+        """Name the halves of the opened eye, and show where gravity pulls in them."""
+        from pipeline.pictures.eye_view import HALVES, screen_axes
+
+        down = frame.gravity / max(float(np.linalg.norm(frame.gravity)), 1e-9)
+        height = (self.bottom - self.top) / len(HALVES)
+        for row, half in enumerate(HALVES):
+            left, top = self.columns[1] + 1.0 * u, self.top + row * height
+            write(draw, (left, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
+                  color=FAINT_INK)
+            if down.any():
+                gravity_mark(draw, (left + 3.0 * u, top + height - 5.0 * u), 3.2 * u, *(screen_axes(half) @ down))
+
+    def _headline(self, retina: dict[str, Coverage]) -> str:
+        """The numbers that a surgeon looks for first."""
+        return f"{self._shown_name()} touches {retina['whole']} of the retina, {retina['inferior']} of its inferior " \
+            f"half, {retina['macula']} of the macula"
+
+    def _legend(self, canvas: Image.Image, draw: ImageDraw.ImageDraw, u: float, working: list[str]) -> None:
         width, height = self.size
-        u = height / 100.0
-        header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time,
-               subtitle=self._fill(frame), label=self.scene.label)
-        bar, center = 0.2 * width, self.split / 2
+        top, bottom = height - 6.6 * u, height - 4.2 * u
+        bar = 0.13 * width
+        left = 0.085 * width
+        color_bar(draw, (left, top, left + bar, bottom), COLORS, f"{self._shown_name()} volume fraction",
+                  (pretty(self.water) if self.water else "", self._shown_name()), 2.4 * u)
+        left += bar + 0.07 * width
         if self.droplets is not None:
-            bar, center = 0.12 * width, 0.30 * self.split
-            middle = 0.78 * self.split
-            color_bar(draw, (middle - 0.75 * bar, height - 6.6 * u, middle + 0.75 * bar, height - 4.2 * u),
-                      DROPLET_COLORS, "oil in droplets, parts per million", ("", ""), 2.5 * u, DROPLET_TICKS)
-        color_bar(draw, (center - bar / 2, height - 6.6 * u, center + bar / 2, height - 4.2 * u), COLORS,
-                  f"{self._shown_name()} volume fraction",
-                  (pretty(self.water) if self.water else "", self._shown_name()), 2.5 * u)
-        write(draw, (2.0 * u, self.top), "section through the optic axis,", 2.3 * u, color=FAINT_INK)
-        write(draw, (2.0 * u, self.top + 3.0 * u), "seen from the patient's left", 2.3 * u, color=FAINT_INK)
-        if self.view is not None:
-            self._legend(draw, u)
-
-    def _legend(self, draw: ImageDraw.ImageDraw, u: float) -> None:
-        from pipeline.pictures.eye_view import TOUCH_COLOR
-
-        write(draw, (self.split + 4.0 * u, self.top), "the eye opened,", 2.3 * u, color=FAINT_INK)
-        write(draw, (self.split + 4.0 * u, self.top + 3.0 * u), "left half of its wall removed", 2.3 * u,
-              color=FAINT_INK)
-        free = [(self._color(index), "free surface") for index in self.shown[:1]]
-        left, top = self.split + 0.22 * (self.size[0] - self.split), self.size[1] - 6.6 * u
-        for color, text in (*free, (TOUCH_COLOR, "touches the wall")):
-            draw.rectangle([left, top, left + 2.4 * u, top + 2.4 * u], fill=color, outline=FAINT_INK)
-            left += 6.6 * u + write(draw, (left + 3.4 * u, top + 1.2 * u), f"{self._shown_name()} {text}", 2.5 * u,
-                                    anchor="lm")
+            color_bar(draw, (left, top, left + bar, bottom), DROPLET_COLORS, "oil in droplets, parts per million",
+                      ("", ""), 2.4 * u, DROPLET_TICKS)
+            left += bar + 0.03 * width
+        entries = [(self._color(index), "interface" if len(self.shown) == 1 else pretty(self.scene.liquids[index].name))
+                   for index in self.shown if self.view is not None]
+        for color, text in entries:
+            draw.rectangle([left, top, left + 2.4 * u, bottom], fill=color, outline=FAINT_INK)
+            left += 6.0 * u + write(draw, (left + 3.4 * u, 0.5 * (top + bottom)), text, 2.4 * u, anchor="lm")
+        canvas.paste(self.fundus.hatch_sample((round(4.8 * u), round(bottom - top))), (round(left), round(top)))
+        left += 8.2 * u + write(draw, (left + 5.8 * u, 0.5 * (top + bottom)), "uncertain edge", 2.4 * u, anchor="lm")
+        for name in working:
+            diamond(draw, (left, 0.5 * (top + bottom)), 1.5 * u, MARK_COLORS.get(name, INK))
+            left += 4.6 * u + write(draw, (left + 2.2 * u, 0.5 * (top + bottom)), name, 2.4 * u, anchor="lm")
 
     def _color(self, index: int) -> str:
-        """Yellow for the one oil, as in the section; several liquids have the scene's colors."""
-        from pipeline.pictures.eye_view import FREE_COLOR
+        """One color for the interface of the one oil; several liquids have the scene's colors."""
+        from pipeline.pictures.eye_view import INTERFACE_COLOR
 
-        return FREE_COLOR if len(self.shown) == 1 else self.scene.liquids[index].color
+        return INTERFACE_COLOR if len(self.shown) == 1 else self.scene.liquids[index].color
 
     def _shown_name(self) -> str:
         names = [self.scene.liquids[index].name for index in self.shown]
@@ -135,10 +200,23 @@ class Renderer:
             text += f"; in droplets: {1e6 * frame.fill[self.droplets] / total:.2g} millionths"
         return text
 
+    def _beside(self, frame: FrameData) -> str:
+        """What the section does not show: where the liquid lies that the oil floats on; nothing if it lies in it."""
+        if self.water is None:
+            return ""
+        volume = frame.volume.astype(float) * frame.volume_fraction[:, list(frame.liquids).index(self.water)]
+        if volume.sum() <= LEAST_BESIDE * frame.volume.sum():
+            return ""
+        center = float(volume @ frame.position[:, 0] / volume.sum())
+        side = "left" if center > 0.0 else "right"
+        return f"center of the {pretty(self.water)} {1e3 * abs(center):.1f} mm to the patient's {side}" \
+            if abs(center) > FAR_BESIDE else ""
 
-def render_frames(scene, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
+
+def render_frames(scene, cavity_volume: float, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
     """Draw every frame of a folder; the folder of pictures appears by rename."""
-    renderer: Any = Renderer(scene, eye_surface) if scene.container is None else ContainerRenderer(scene, eye_surface)
+    renderer: Any = ContainerRenderer(scene, eye_surface) if scene.container else \
+        Renderer(scene, cavity_volume, eye_surface)
     paths = find_frames(frames)
     try:
         with replacing_folder(output) as folder, progress(len(paths), "render") as bar:
@@ -148,7 +226,10 @@ def render_frames(scene, eye_surface, frames: Path, surfaces: Path, output: Path
                 meshes = {liquid: read_surface(surface_path(surfaces, path.stem, liquid)) for liquid in needed}
                 if scene.container is None:
                     section = read_section(surfaces / f"{path.stem}_section.vti")
-                    picture = renderer.picture(frame, section, meshes)
+                    wall = read_wall(surfaces / f"{path.stem}_wall.vtp")
+                    retina = {part: Coverage(**numbers)
+                              for part, numbers in read_retina(surfaces / f"{path.stem}.json").items()}
+                    picture = renderer.picture(frame, section, wall, meshes, retina)
                 else:
                     picture = renderer.picture(frame, meshes)
                 picture.save(folder / f"{path.stem}.png")
@@ -167,7 +248,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
     parser.add_argument("--output", required=True, type=Path, metavar="IMAGES_DIR", help="folder of pictures to write")
     parser.add_argument("--section-only", action="store_true",
-                        help="leave out the view of the body on the right; needs no OpenGL")
+                        help="leave out the views in space; needs no OpenGL")
     options = parser.parse_args(arguments)
 
     from pipeline.pictures.opengl import use_working_opengl
@@ -182,7 +263,8 @@ def main(arguments: list[str] | None = None) -> None:
         import pyvista
 
         eye = pyvista.read(options.eye)
-    render_frames(scene, eye, options.frames, options.surfaces, options.output)
+    cavity_volume = float(load_initial(options.initial)["cavity_volume"])
+    render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ rule reconstruct:
     input:
         scene=SCENE,
         initial="outputs/{scene}/{level}/initial.npz",
+        eye="outputs/{scene}/{level}/eye.vtp",
         frames=FRAMES,
     output:
         directory("outputs/{scene}/{level}/surfaces/segment_{segment}"),
@@ -17,7 +18,7 @@ rule reconstruct:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
-        " --threads {threads} {flow.device} 2>&1 | tee {log}"
+        " --eye {input.eye} --threads {threads} {flow.device} 2>&1 | tee {log}"
 
 
 rule bodies:

@@ -12,9 +12,18 @@ def ball(spacing=SPACING):
     cell = 0.5 * spacing
     half = int(np.ceil((RADIUS + 5 * spacing) / cell))
     axis = cell * np.arange(-half, half + 1)
+    walls = 4000
+    height = 1.0 - (2.0 * np.arange(walls) + 1.0) / walls          # even points on a sphere, on a spiral
+    turn = np.pi * (1.0 + 5.0**0.5) * np.arange(walls)
+    across = np.sqrt(1.0 - height**2)
+    wall = (RADIUS + 0.5 * spacing) * np.stack([across * np.cos(turn), height, across * np.sin(turn)], axis=-1)
     squared = axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2
-    return {"sdf_values": np.sqrt(squared) - RADIUS, "sdf_origin": np.full(3, axis[0]), "sdf_cell": np.array(cell),
+    fluid = lattice(spacing)
+    return {"fluid_position": fluid, "fluid_volume": np.full(len(fluid), 4.0 / 3.0 * np.pi * RADIUS**3 / len(fluid)),
+            "sdf_values": np.sqrt(squared) - RADIUS, "sdf_origin": np.full(3, axis[0]), "sdf_cell": np.array(cell),
             "particle_spacing": np.array(spacing), "dimension": np.array(3),
+            "wall_position": wall, "wall_volume": np.full(walls, 4.0 * np.pi * RADIUS**2 * spacing / walls),
+            "wall_distance": np.full(walls, 0.5 * spacing),
             "cavity_volume": np.array(4.0 / 3.0 * np.pi * RADIUS**3)}
 
 

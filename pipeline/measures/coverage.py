@@ -31,7 +31,7 @@ class WallContact:
     ----------
     position : (m, D) float, m, wall points in one layer.
     weight : (m,) float, in proportion to the area that a point stands for.
-    covered : (m,) bool.
+    oil_fraction : (m,) float, volume fraction of the oil in the nearest fluid within one support radius, 0 without.
     depth : (m,) float, m, of the nearest fluid below the wall.
     particle_spacing : float, m.
     contact_angle : float, rad, through the other liquid; None where the scene has none, and nothing is left out.
@@ -39,7 +39,7 @@ class WallContact:
 
     position: np.ndarray
     weight: np.ndarray
-    covered: np.ndarray
+    oil_fraction: np.ndarray
     depth: np.ndarray
     particle_spacing: float
     contact_angle: float | None
@@ -57,14 +57,25 @@ class WallContact:
         """
         inner = initial["wall_distance"] < particle_spacing
         wall = initial["wall_position"][inner]
-        covered, depth = np.zeros(len(wall), bool), np.zeros(len(wall))
+        nearest_fraction, depth = np.zeros(len(wall)), np.zeros(len(wall))
         if len(position):
             distance, nearest = cKDTree(position).query(wall, distance_upper_bound=support_radius)
             near = np.isfinite(distance)
-            covered[near] = oil_fraction[nearest[near]] > 0.5
+            nearest_fraction[near] = oil_fraction[nearest[near]]
             signed = SignedDistance(initial["sdf_values"], initial["sdf_origin"], float(initial["sdf_cell"]))
             depth[near] = np.maximum(-signed.sample(position[nearest[near]]), 0.0)
-        return cls(wall, initial["wall_volume"][inner], covered, depth, particle_spacing, contact_angle)
+        return cls(wall, initial["wall_volume"][inner], nearest_fraction, depth, particle_spacing, contact_angle)
+
+    @functools.cached_property
+    def covered(self) -> np.ndarray:
+        """Whether the nearest fluid is mostly oil, (m,)."""
+        return self.oil_fraction > 0.5
+
+    @functools.cached_property
+    def strip(self) -> np.ndarray:
+        """Width of the strip under the wedge that is too thin for a particle, (m,), m, where a contact line is near."""
+        reach = LINE_REACH * self.particle_spacing  # a wider strip is not known from its line
+        return np.clip(self.depth / np.tan(max(self.contact_angle or 0.0, 1e-6)), -reach, reach)
 
     @functools.cached_property
     def line_density(self) -> np.ndarray:
@@ -88,9 +99,7 @@ class WallContact:
         """Share of the wall around every point that the oil touches, (m,): it counts in sums over several points."""
         if self.contact_angle is None:
             return self.covered.astype(float)
-        reach = LINE_REACH * self.particle_spacing  # a wider strip is not known from its line
-        strip = np.clip(self.depth / np.tan(max(self.contact_angle, 1e-6)), -reach, reach)
-        return self.covered - strip * self.line_density  # (Q1)
+        return self.covered - self.strip * self.line_density  # (Q1)
 
     def covered_share(self, mask: np.ndarray | None = None) -> float:
         """Return the covered share of the wall, or of the part in ``mask`` (m,); NaN when that part has no points.
@@ -100,8 +109,8 @@ class WallContact:
         weight = self.weight if mask is None else self.weight * mask
         return float(np.clip((weight * self.touched).sum() / weight.sum(), 0.0, 1.0)) if weight.any() else np.nan
 
-    def band_share(self) -> float:
-        """Return the share of the wall within one particle spacing of the contact line."""
+    def band_share(self, mask: np.ndarray | None = None) -> float:
+        """Return the share of the wall, or of the part in ``mask``, within one particle spacing of the contact line."""
         if self.covered.all() or not self.covered.any():
             return 0.0
         reach = 1.5 * self.particle_spacing
@@ -109,7 +118,8 @@ class WallContact:
         for side in (self.covered, ~self.covered):
             distance = cKDTree(self.position[~side]).query(self.position[side], distance_upper_bound=reach)[0]
             touching[np.flatnonzero(side)[np.isfinite(distance)]] = True
-        return float(self.weight[touching].sum() / self.weight.sum())
+        weight = self.weight if mask is None else self.weight * mask
+        return float(weight[touching].sum() / weight.sum()) if weight.any() else np.nan
 
     def contact_arc(self) -> float:
         """Return the covered arc in the sagittal plane (in 2D: in the plane), in degrees around the center."""
@@ -136,3 +146,9 @@ class WallContact:
         return {"whole": retina, "superior": retina & (y > 0), "inferior": retina & (y < 0),
                 "macula": retina & (z < 0) & (np.hypot(x, y) <= MACULA_RADIUS)}
 
+    def quadrant_masks(self, right_eye: bool = True) -> dict[str, np.ndarray]:
+        """Return the wall points of the quadrants of the retina, name -> (m,) bool."""
+        x, y = self.position[:, 0], self.position[:, 1]
+        retina, temporal = self.retina_masks()["whole"], (x < 0.0) == right_eye
+        return {f"{up}_{side}": retina & ((y > 0.0) == (up == "superior")) & (temporal == (side == "temporal"))
+                for up in ("superior", "inferior") for side in ("temporal", "nasal")}

@@ -40,6 +40,11 @@ class Measured:
         """Volume fraction of the oil, (n,)."""
         return self.frame.volume_fraction[:, self.oil]
 
+    @property
+    def right_eye(self) -> bool:
+        """Whether temporal is the patient's right; also where nothing says which eye it is."""
+        return self.scene.eye is None or self.scene.eye.side == "right"
+
     @functools.cached_property
     def droplets(self) -> int | None:
         """Phase index of the liquid that is oil in droplets; None in a scene that makes none."""

@@ -122,8 +122,8 @@ def fraction_gradient(position: np.ndarray, volume: np.ndarray, fraction: np.nda
 
 
 @metric("mL", "volume of the emulsion (with contact_line_emulsification: the oil in droplets; else the liquid with a "
-              "fraction of oil between 0.05 and 0.95) in the whole cavity, its quadrants (of a right eye: temporal is "
-              "the patient's right) and the superior angle (the anterior third, within 45 degrees of superior)",
+              "fraction of oil between 0.05 and 0.95) in the whole cavity, its quadrants (temporal is the patient's "
+              "right in a right eye) and the superior angle (the anterior third, within 45 degrees of superior)",
         of_eye=True, of_mixture=True)
 def emulsion(state: Measured) -> dict[str, float]:
     volume = emulsion_volume(state)
@@ -165,7 +165,8 @@ def places(state: Measured) -> dict[str, np.ndarray]:
     if position.shape[1] == 2:
         return {"whole": whole}
     x, y, z = position.T
-    superior, temporal = y >= 0.0, x < 0.0
+    superior = y >= 0.0
+    temporal = x < 0.0 if state.right_eye else x > 0.0
     back, front = state.optic_axis_extent
     angle = (z > front - ANGLE_DEPTH * (front - back)) & (y > np.abs(x))
     return {"whole": whole, "superior_temporal": superior & temporal, "superior_nasal": superior & ~temporal,

@@ -4,7 +4,7 @@ from PIL import Image, ImageColor, ImageDraw
 
 from pipeline.base.frame_files import FrameData
 from pipeline.pictures.container_panel import ContainerPanel, legend, legend_width, length_in_words
-from pipeline.pictures.marks import FAINT_INK, OVERSAMPLING, header, pretty, reduce, write
+from pipeline.pictures.marks import FAINT_INK, OVERSAMPLING, clock, header, pretty, reduce, write
 from pipeline.surfaces.surface_files import lines_of
 
 HEADER, FOOTER = 0.125, 0.08        # of the height
@@ -74,7 +74,8 @@ class ContainerRenderer:
         u = height / 100.0
         name = self.scene.numerics.scheme
         scheme = name.upper() if name.endswith("sph") else pretty(name)
-        header(draw, self.size, title=self.scene.title or self.scene.name, time=frame.time, label=self.scene.label,
+        header(draw, self.size, title=self.scene.title or self.scene.name, label=self.scene.label,
+               time=clock(frame.time, self.scene.output.second_means),
                subtitle=f"{scheme}, {len(frame.position):,} particles, {length_in_words(frame.particle_spacing)} apart")
         if frame.dimension == 3:
             write(draw, (2.0 * u, self.top), "slice through the middle", 2.3 * u, color=FAINT_INK)

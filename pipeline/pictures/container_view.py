@@ -1,8 +1,11 @@
-"""The liquids of a container as bodies in a glass box (pyvista, off-screen)."""
+"""The liquids of a container as bodies in a glass box (pyvista, off-screen).
+
+Translucent surfaces are right only with depth peeling and without VTK's own antialiasing, which silently switches
+peeling off; so the panel is drawn larger and averaged with the rest of the picture.
+"""
 import numpy as np
 
-from pipeline.pictures.eye_view import peel
-
+PEELS = 4
 GLASS_COLOR, EDGE_COLOR = "#dfe5ec", "#5f6673"
 OPACITY = 0.82
 # Camera: in front, to the right and above; in units of the size of the container.
@@ -67,3 +70,9 @@ class ContainerView:
     def close(self) -> None:
         """Free the window."""
         self.plotter.close()
+
+
+def peel(plotter) -> None:
+    """Draw translucent surfaces in the order of depth."""
+    plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
+    plotter.disable_anti_aliasing()

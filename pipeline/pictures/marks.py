@@ -7,6 +7,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 OVERSAMPLING = 2                # everything is drawn twice as large and averaged: smooth, and right with translucency
+LONG_UNITS = (("week", 604800.0), ("day", 86400.0), ("hour", 3600.0), ("minute", 60.0))
 INK = (25, 30, 40)
 FAINT_INK = (95, 102, 115)
 WARNING_INK = (176, 52, 24)
@@ -22,12 +23,13 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def write(draw: ImageDraw.ImageDraw, position, text: str, size: float, *, bold=False, color=INK, anchor="la",
-          width: float | None = None) -> float:
-    """Write one line; a line wider than ``width`` is set smaller. Returns the width taken."""
+          width: float | None = None, outline: bool = False) -> float:
+    """Write one line, ``outline``d in white over colors; one wider than ``width`` is set smaller. Returns its width."""
     size = max(int(size), 6)
     while width is not None and size > 6 and font(size, bold).getlength(text) > width:
         size -= 1
-    draw.text(tuple(position), text, font=font(size, bold), fill=color, anchor=anchor)
+    draw.text(tuple(position), text, font=font(size, bold), fill=color, anchor=anchor,
+              stroke_width=round(0.12 * size) if outline else 0, stroke_fill="white")
     return font(size, bold).getlength(text)
 
 
@@ -36,16 +38,25 @@ def pretty(name: str) -> str:
     return name.replace("_", " ")
 
 
-def header(draw: ImageDraw.ImageDraw, size: tuple[int, int], *, title: str, time: float, subtitle: str,
+def clock(time: float, second_means: float | None = None) -> str:
+    """Simulated time (s) in words; in a time-lapse, where a second means that many, the time that it stands for."""
+    if second_means is None:
+        return f"t = {time:.2f} s"
+    meant = time * second_means
+    unit, seconds = next(((unit, seconds) for unit, seconds in LONG_UNITS if second_means >= seconds), ("s", 1.0))
+    return f"{unit} {meant / seconds:.1f}" if unit != "s" else f"t = {meant:.2f} s"
+
+
+def header(draw: ImageDraw.ImageDraw, size: tuple[int, int], *, title: str, time: str, subtitle: str,
            label: str) -> None:
-    """Write the lines above a picture: title and simulated time (s), below them a subtitle and the scene's label."""
+    """Write the lines above a picture: title and the clock, below them a subtitle and the scene's label."""
     width, u = size[0], size[1] / 100.0
     write(draw, (2.0 * u, 1.6 * u), title, 4.2 * u, bold=True, width=0.6 * width)
-    write(draw, (width - 2.0 * u, 1.6 * u), f"t = {time:.2f} s", 4.2 * u, bold=True, anchor="ra")
-    write(draw, (2.0 * u, 7.2 * u), subtitle, 3.0 * u, width=0.6 * width)
+    write(draw, (width - 2.0 * u, 1.6 * u), time, 4.2 * u, bold=True, anchor="ra")
+    write(draw, (2.0 * u, 7.2 * u), subtitle, 3.0 * u, width=0.64 * width)
     if label:
         write(draw, (width - 2.0 * u, 7.2 * u), label, 3.0 * u, bold=True, color=WARNING_INK, anchor="ra",
-              width=0.36 * width)
+              width=0.32 * width)
 
 
 def arrow(draw: ImageDraw.ImageDraw, start, end, width: float, color=INK) -> None:
@@ -56,6 +67,26 @@ def arrow(draw: ImageDraw.ImageDraw, start, end, width: float, color=INK) -> Non
     neck = end - 4.0 * width * along
     draw.line([tuple(start), tuple(neck + along)], fill=color, width=round(width))
     draw.polygon([tuple(end), tuple(neck + 2.0 * width * across), tuple(neck - 2.0 * width * across)], fill=color)
+
+
+def diamond(draw: ImageDraw.ImageDraw, center, half: float, color) -> None:
+    """A diamond of half a width."""
+    x, y = center
+    draw.polygon([(x, y - half), (x + half, y), (x, y + half), (x - half, y)], fill=color, outline=(255, 255, 255),
+                 width=max(1, round(0.2 * half)))
+
+
+def gravity_mark(draw: ImageDraw.ImageDraw, center, half: float, right: float, up: float, toward: float) -> None:
+    """Gravity around a center, in units of its strength: an arrow in the plane, else a mark toward the reader or away.
+
+    ``right``, ``up`` and ``toward`` are the components of a unit vector.
+    """
+    center = np.asarray(center, float)
+    if math.hypot(right, up) > 0.3:
+        way = half * np.array([right, -up])
+        arrow(draw, center - way, center + way, 0.22 * half)
+    else:
+        away_mark(draw, center, 0.6 * half, 0.14 * half, toward=toward > 0)
 
 
 def away_mark(draw: ImageDraw.ImageDraw, center, radius: float, width: float, toward: bool, color=INK) -> None:

@@ -10,9 +10,9 @@ from matplotlib import colormaps
 from PIL import Image, ImageDraw
 from skimage.measure import find_contours
 
-from pipeline.pictures.marks import FAINT_INK, INK, arrow, away_mark, write
+from pipeline.pictures.marks import FAINT_INK, INK, diamond, gravity_mark, write
+from pipeline.pictures.paint import colors_of
 
-COLORS = (colormaps["cividis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
 # Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen.
 DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
 DROPLET_RANGE = (1e-8, 1e-3)
@@ -22,12 +22,15 @@ WALL = (214, 190, 184)
 LENS = (233, 238, 243)
 CHAMBER = (243, 248, 252)
 IRIS = (140, 104, 80)
+CILIARY = (191, 152, 130)
 CORNEA = (198, 211, 222)
 WALL_THICKNESS = 0.7e-3         # drawn, m
 SCALE_BAR = 5e-3
 # Anterior segment, Gullstrand's eye (scheme only, in front of the cavity): m.
 CORNEA_RADIUS, CORNEA_THICKNESS = 7.8e-3, 0.55e-3
 LENS_FRONT_RADIUS, LENS_BACK_RADIUS, LENS_THICKNESS = 10e-3, 6e-3, 3.6e-3
+LENS_EDGE, CILIARY_GAP, MEMBRANE = 4.5e-3, 0.8e-3, 0.25e-3     # zonular fibers span the gap
+ANGLE_RADIUS, ANGLE_SLOPE = 6.0e-3, 0.35        # where the iris meets the wall, and how the wall narrows from there
 PUPIL_RADIUS, IRIS_THICKNESS = 2.0e-3, 0.4e-3
 
 
@@ -52,7 +55,7 @@ class SectionPanel:
         self.size, self.unit = size, size[1] / 100.0
         self.origin, self.cell = np.asarray(origin, float), cell
         y, z = self._extent(signed_distance, eye)
-        side, above = 18.0 * self.unit, 8.0 * self.unit
+        side, above = 5.0 * self.unit, 16.0 * self.unit
         self.scale = min((size[0] - 2 * side) / np.ptp(z), (size[1] - 2 * above) / np.ptp(y))
         self.center = np.array([y.mean(), z.mean()])
         columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
@@ -68,12 +71,13 @@ class SectionPanel:
                 self.size[1] / 2 - (np.asarray(y) - self.center[0]) * self.scale)
 
     def draw(self, fraction: np.ndarray, dominance: list[np.ndarray], gravity: np.ndarray,
-             droplets: np.ndarray | None = None) -> Image.Image:
+             droplets: np.ndarray | None = None, marks=()) -> Image.Image:
         """Panel of one frame: ``fraction`` (ny, nz) of what is shown, black lines where a ``dominance`` is zero.
 
-        ``droplets`` (ny, nz) is the share of oil in droplets, which is drawn over the liquid around them.
+        ``droplets`` (ny, nz) is the share of oil in droplets, which is drawn over the liquid around them; ``marks`` are
+        pairs of a color and a point (3,) in m, shown where it lies in, before or behind the section.
         """
-        colors = COLORS[np.clip(self._sample(fraction) * 255.0 + 0.5, 0, 255).astype(np.uint8)]
+        colors = colors_of(self._sample(fraction))
         if droplets is not None:
             colors = self._with_droplets(colors, droplets)
         pixels = np.where(self.inside[..., None], colors, self.background)
@@ -86,7 +90,10 @@ class SectionPanel:
                 pen.line(list(zip(x.tolist(), y.tolist(), strict=True)), fill=255,
                          width=max(2, round(0.55 * self.unit)), joint="curve")
         image.paste((0, 0, 0), mask=Image.fromarray(np.where(self.inside, np.asarray(lines), 0).astype(np.uint8)))
-        self._marks(ImageDraw.Draw(image), gravity)
+        pen = ImageDraw.Draw(image)
+        self._marks(pen, gravity)
+        for color, (_, y, z) in marks:
+            diamond(pen, self.pixel(y, z), 1.5 * self.unit, color)
         return image
 
     def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
@@ -120,7 +127,7 @@ class SectionPanel:
             return pixels
         y = self.origin[0] + self._rows * self.cell
         z = self.origin[1] + self._columns * self.cell
-        apex = self._extent(field, eye)[1][1]
+        (_, top), (back, apex) = self._extent(field, eye)
         on_axis = np.nonzero(field[round(-self.origin[0] / self.cell)] < 0.0)[0]
         lens_back = self.origin[1] + self.cell * on_axis.max()
         if eye.lens == "phakic":
@@ -133,14 +140,26 @@ class SectionPanel:
             if eye.lens == "pseudophakic":
                 lens = (np.abs(z - lens_back - 0.5e-3) < 0.35e-3) & (np.abs(y) < 3e-3)
             lens_front, iris_back = lens_back + 0.5e-3, lens_back + 0.5e-3
+
+        def within(margin):
+            return (y / (top + margin)) ** 2 + (z / (-back + margin)) ** 2 < 1.0
+
+        # Sclera and cornea meet at the limbus, where the globe leaves the sphere of the cornea.
         outer = np.hypot(y, z - (apex - CORNEA_RADIUS))
-        in_front = z > iris_back
-        cornea = in_front & (outer < CORNEA_RADIUS) & (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
-        chamber = (z > lens_back - 1e-3) & (outer < CORNEA_RADIUS - CORNEA_THICKNESS) & (distance > 0)
-        ring = (distance < WALL_THICKNESS) & ~(chamber & (np.abs(y) < PUPIL_RADIUS + 2.8e-3))
-        limb = np.abs(y).max(where=cornea & (z < iris_back + 2 * self.cell), initial=5e-3)
-        iris = (np.abs(z - iris_back) < IRIS_THICKNESS / 2) & (np.abs(y) > PUPIL_RADIUS) & (np.abs(y) < limb)
-        for region, color in ((chamber, CHAMBER), (ring, WALL), (cornea, CORNEA), (lens, LENS), (iris, IRIS)):
+        limbus = z[within(WALL_THICKNESS) & (outer > CORNEA_RADIUS) & (z > 0.0)].max(initial=iris_back)
+        cornea = (z > limbus - CORNEA_THICKNESS) & (outer < CORNEA_RADIUS) & \
+            (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
+        sclera = within(WALL_THICKNESS) & ~within(0.0) & (outer > CORNEA_RADIUS - CORNEA_THICKNESS) & (distance > 0.0)
+        sclera |= within(0.0) & (z > iris_back) & (np.abs(y) > ANGLE_RADIUS - ANGLE_SLOPE * (z - iris_back)) & \
+            (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
+        front = within(0.0) & (distance > 0.0)
+        chamber = (front | (outer < CORNEA_RADIUS - CORNEA_THICKNESS)) & (z > lens_back - 1e-3) & (distance > 0.0)
+        ciliary = front & (z < iris_back) & (np.abs(y) > LENS_EDGE + CILIARY_GAP) & (distance > 0.0)
+        ciliary |= front & (distance < MEMBRANE) & (np.abs(y) > LENS_EDGE)
+        iris = (np.abs(z - iris_back) < IRIS_THICKNESS / 2) & (np.abs(y) > PUPIL_RADIUS) & front
+        ring = (distance < WALL_THICKNESS) & ~within(0.0) & (z < iris_back)
+        for region, color in ((chamber, CHAMBER), (sclera | ring, WALL), (cornea, CORNEA), (ciliary, CILIARY),
+                              (lens, LENS), (iris, IRIS)):
             pixels[region] = color
         edge = lens & ~_eroded(lens, max(1, round(0.2 * self.unit)))
         pixels[edge] = FAINT_INK
@@ -151,13 +170,13 @@ class SectionPanel:
 
     def _marks(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
         u, (width, height) = self.unit, self.size
-        text = 2.9 * u
-        for place, anchor, label in (
-            ((width / 2, 1.2 * u), "ma", "superior"), ((width / 2, height - 1.2 * u), "md", "inferior"),
-        ):
-            write(draw, place, label, text, color=FAINT_INK, anchor=anchor)
-        write(draw, (1.0 * u, height / 2), "anterior", text, color=FAINT_INK, anchor="lm")
-        write(draw, (width - 1.0 * u, height / 2), "posterior", text, color=FAINT_INK, anchor="rm")
+        text = 2.6 * u
+        rows, columns = np.nonzero(self.inside)
+        middle, top, bottom = columns.mean(), rows.min() - 4.5 * u, rows.max() + 4.5 * u
+        write(draw, (middle, top), "superior", text, color=FAINT_INK, anchor="ms")
+        write(draw, (middle, bottom), "inferior", text, color=FAINT_INK, anchor="ma")
+        write(draw, (2.0 * u, bottom), "anterior", text, color=FAINT_INK, anchor="la")
+        write(draw, (width - 2.0 * u, bottom), "posterior", text, color=FAINT_INK, anchor="ra")
         if self.lens_center:
             x, y = self.pixel(*self.lens_center)
             write(draw, (x, y), "lens", 0.85 * text, color=FAINT_INK, anchor="mm")
@@ -169,19 +188,16 @@ class SectionPanel:
 
     def _gravity(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
         u, (width, _) = self.unit, self.size
-        center = np.array([width - 11.0 * u, 8.0 * u])
+        center = np.array([width - 8.0 * u, 6.5 * u])
         strength = np.linalg.norm(gravity)
         caption = "gravity" if strength > 1e-6 else "no gravity"
-        write(draw, (center[0], center[1] + 6.6 * u), caption, 2.9 * u, anchor="ma")
-        write(draw, (center[0], center[1] + 10.2 * u), posture(gravity), 2.9 * u, bold=True, anchor="ma")
+        edge = width - 2.0 * u
+        write(draw, (edge, center[1] + 6.2 * u), caption, 2.6 * u, anchor="ra")
+        write(draw, (edge, center[1] + 9.4 * u), posture(gravity), 2.6 * u, bold=True, anchor="ra")
         if strength < 1e-6:
             return
         x, y, z = np.asarray(gravity, float) / strength
-        if np.hypot(y, z) > 0.3:
-            half = 5.0 * u * np.array([-z, -y])
-            arrow(draw, center - half, center + half, 1.1 * u)
-        else:
-            away_mark(draw, center, 3.0 * u, 0.7 * u, toward=x > 0)
+        gravity_mark(draw, center, 5.0 * u, -z, y, x)
 
 
 def posture(gravity: np.ndarray) -> str:

@@ -1,6 +1,7 @@
 """What the effects of a scene know and declare, whichever they are."""
 from typing import Any
 
+from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
@@ -21,6 +22,22 @@ def effects_that(scene: Scene, declaration: str) -> list[str]:
 def does(scene: Scene, what: str) -> bool:
     """Whether an effect of a scene does something, in the words of ``sim.effects.effect``."""
     return any(what in REGISTRY[name].does for name in scene.effects)
+
+
+def places_at_work(scene: Scene, time: float, cavity_volume: float) -> list[tuple[str, tuple[float, ...]]]:
+    """Return names and points (m) of what works at a time (s) at a place in the cavity, such as a cannula.
+
+    ``cavity_volume`` is in m3. How full a scene is that starts from another one is not known here: nothing is returned.
+    """
+    if scene.start_from is not None:
+        return []
+    found = []
+    fill = fill_at_start(scene, lambda name: scene)
+    for name, parameters in scene.effects.items():
+        effect = REGISTRY[name]
+        if any(begin <= time < end for _, begin, end in effect.spans(parameters, fill, cavity_volume)):
+            found += [(key.replace("_", " "), getattr(parameters, key)) for key in effect.inside]
+    return found
 
 
 def droplets_of(scene: Scene) -> int | None:

@@ -10,6 +10,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
 
 LENSES = ("phakic", "pseudophakic", "aphakic")
+SIDES = ("right", "left")
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
@@ -26,6 +27,7 @@ class Eye:
     vertical_diameter: float | None = parameter(None, unit="m", minimum=0.015, maximum=0.040,
                                                 meaning="inner vertical diameter, else a mean of measured eyes")
     lens: str = parameter("phakic", choices=LENSES, meaning="own lens, artificial lens or none")
+    side: str = parameter("right", choices=SIDES, meaning="which eye: temporal is the patient's right in a right eye")
     path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
     unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
     force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
@@ -100,6 +102,9 @@ class Output:
 
     duration: float = parameter(unit="s", exclusive_minimum=0.0, maximum=3600.0, meaning="simulated time")
     frame_interval: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="time between saved frames")
+    second_means: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
+                                           meaning="what a simulated second stands for in a time-lapse: the clock "
+                                                   "of the pictures shows it")
     frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
     cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
     contour: str = parameter("flying_edges", choices=("flying_edges", "marching_cubes"), meaning="surface algorithm")

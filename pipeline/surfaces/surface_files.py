@@ -1,4 +1,5 @@
 """Files of the reconstruct stage: surfaces as VTK poly data, the section as a VTK image."""
+import json
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,54 @@ def write_section(path: Path, section) -> None:
         image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])
     image.point_data["signed_distance"] = section.signed_distance.ravel(order="F")
     write_vtk(image, path)
+
+
+WALL_FRACTIONS = ("oil_fraction_covered", "oil_fraction_bare")
+
+
+def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.ndarray) -> None:
+    """Write the surface of the cavity (``.vtp``) with what touches it.
+
+    Parameters
+    ----------
+    eye : pyvista.PolyData with n points.
+    contact_distance : (n,) m, to the edge of what the oil touches, positive where it does.
+    oil_fraction : (n, 2) volume fraction of the oil in what lies on the wall where it touches, and where not.
+    """
+    wall = eye.copy(deep=False)
+    wall.clear_data()
+    wall.points = eye.points.astype(np.float32)
+    wall.point_data["contact_distance"] = contact_distance.astype(np.float32)
+    for name, values in zip(WALL_FRACTIONS, oil_fraction.T, strict=True):
+        wall.point_data[name] = values.astype(np.float32)
+    write_vtk(wall, path)
+
+
+def read_wall(path: Path):
+    """Read the wall of one frame as pyvista.PolyData.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    import pyvista
+
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such wall; run the reconstruct stage first, with --eye")
+    return pyvista.read(path)
+
+
+def read_retina(path: Path) -> dict[str, dict[str, float]]:
+    """Read how much of every part of the retina is covered in a frame, from its statistics (``.json``).
+
+    Raises
+    ------
+    UserError : the file is missing, or the reconstruct stage was not given the eye.
+    """
+    statistics = json.loads(Path(path).read_text()) if Path(path).is_file() else {}
+    if "retina" not in statistics:
+        raise UserError(f"{path}: does not tell what touches the retina; run the reconstruct stage first, with --eye")
+    return statistics["retina"]
 
 
 def read_section(path: Path):

@@ -11,26 +11,28 @@ from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
 WORDS = ("title", "description", "label")
-PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats")
-LOOKS = ("liquids.color", "liquids.clear", "liquids.source")
+PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats",
+           "output.second_means")
+COLORS = ("liquids.color", "liquids.clear", "liquids.source")
+LOOKS = (*COLORS, "eye.side")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
     "advise": ("description", "label", *PICTURE, *LOOKS),
     "estimate": ("description", "label", *LOOKS),
     "cost": ("description", "label", *LOOKS),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
-            "liquids"),
+            "liquids", "eye.side"),
     "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", *LOOKS),
     "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS),
-    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "effects", "schemes", "output.duration",
-                    "output.image_size", *LOOKS),
+    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "schemes", "output.duration", "output.image_size",
+                    "output.second_means", *COLORS),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
                *LOOKS),
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
     "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
-                *LOOKS),
+                *COLORS),
 }
 
 
@@ -59,6 +61,6 @@ def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
         if not second:
             values.pop(first)
         else:
-            for record in values[first] if isinstance(values[first], list) else [values[first]]:
+            for record in values[first] if isinstance(values[first], list) else [values[first] or {second: None}]:
                 record.pop(second)
     return values

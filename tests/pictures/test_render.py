@@ -1,5 +1,6 @@
 """Pictures show the right colors, translucency is right, and missing OpenGL ends in one sentence."""
 import dataclasses
+import itertools
 
 import imageio_ffmpeg
 import numpy as np
@@ -11,12 +12,19 @@ from pipeline import movie, render
 from pipeline.base import cli
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.measures.frame_view import Measured
+from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
-from pipeline.pictures.eye_view import FREE_COLOR, TOUCH_COLOR, peel
-from pipeline.pictures.section_panel import COLORS, Eye, SectionPanel, posture
-from pipeline.reconstruct import write_surfaces
-from pipeline.scenes.load import load_scene
+from pipeline.pictures.container_view import peel
+from pipeline.pictures.eye_view import INTERFACE_COLOR, EyeView
+from pipeline.pictures.fundus_map import FundusMap
+from pipeline.pictures.marks import clock
+from pipeline.pictures.paint import BARE, COLORS, COVERED
+from pipeline.pictures.section_panel import Eye, SectionPanel, posture
+from pipeline.reconstruct import Wall, write_surfaces
+from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.surfaces.liquid_surface import Reconstructor
+from pipeline.surfaces.surface_files import read_surface, read_wall, write_wall
 
 SIZE = (640, 360)
 CONTENTS = {                    # fraction of oil of the particles, and its fraction above and below the middle
@@ -38,15 +46,17 @@ def run_folder(tmp_path_factory, request, taichi):
                                 eye=dataclasses.replace(scene.eye, lens="aphakic"))
     (folder / "scene.json").write_text(scene.to_json())
     np.savez(folder / "initial.npz", **ball())
-    pyvista.Sphere(radius=RADIUS, theta_resolution=40, phi_resolution=40).save(folder / "eye.vtp")
+    eye = pyvista.Icosphere(radius=RADIUS, nsub=4)
+    eye.save(folder / "eye.vtp")
     position = lattice()
     reconstructor = Reconstructor(ball(), 2)
+    wall = Wall(scene, ball(), eye)
     (folder / "surfaces").mkdir()
     for index, (options, _) in enumerate(CONTENTS.values()):
         frame = frame_of(position, oil_fraction(position, **options), time=0.1 * index)
         path = frame_path(folder / "frames", index)
         write_frame(path, frame)
-        write_surfaces(folder / "surfaces", path, frame, reconstructor)
+        write_surfaces(folder / "surfaces", path, frame, reconstructor, wall=wall)
     return folder
 
 
@@ -68,7 +78,7 @@ def assert_section(pixels, fractions):
     """The halves of the cavity above and below its middle have the colors of their fractions."""
     height, width = pixels.shape[:2]
     center = width // 2
-    for row, fraction in zip((0.38, 0.64), fractions, strict=True):
+    for row, fraction in zip((0.46, 0.64), fractions, strict=True):
         found = pixels[round(row * height), center]
         shades = [k for k in range(256) if np.abs(COLORS[k].astype(int) - found).max() <= 3]
         assert shades and abs(np.mean(shades) / 255 - fraction) < 0.06
@@ -79,28 +89,115 @@ def test_sections_need_no_opengl(run_folder, tmp_path, monkeypatch):
     pictures = draw(run_folder, tmp_path / "images", "--section-only")
     for pixels, (_, fractions) in zip(pictures, CONTENTS.values(), strict=True):
         assert pixels.shape == (SIZE[1], SIZE[0], 3)
-        assert_section(pixels, fractions)
-    middle = slice(SIZE[0] // 2 - 40, SIZE[0] // 2 + 40)
+        assert_section(pixels[:, :SIZE[0] // 2], fractions)
+    middle = slice(SIZE[0] // 4 - 40, SIZE[0] // 4 + 40)
     black = [count(pixels[120:240, middle], (0, 0, 0)) for pixels in pictures]
     assert black[0] == 0 and black[1] > 60 and black[2] > 60    # the interface is drawn where there is one
     assert count(pictures[0], (176, 52, 24), 40) > 20           # the scene's label
 
 
-def test_pictures_show_section_and_body(run_folder, tmp_path, opengl):
+def test_pictures_show_section_opened_eye_and_fundus(run_folder, tmp_path, opengl):
     pictures = draw(run_folder, tmp_path / "images")
     assert all(pixels.shape == (SIZE[1], SIZE[0], 3) for pixels in pictures)
     water, tamponade, _ = pictures
-    left, right = slice(0, SIZE[0] // 2), slice(SIZE[0] // 2, None)
-    assert_section(tamponade[:, left], (1.0, 0.0))
-    body = slice(60, 300)
-    hue = tamponade[body, right] - tamponade[body, right].mean(axis=-1, keepdims=True)
-    empty = water[body, right] - water[body, right].mean(axis=-1, keepdims=True)
-    yellow = (hue[..., 2] < -40).sum()
-    assert yellow > 3000 and (empty[..., 2] < -40).sum() < 50
-    touch = (hue[..., 0] > 60) & (hue[..., 2] < -60)
-    assert 1500 < touch.sum() < 0.6 * yellow        # the far wall above the level, neither speckled nor everywhere
-    for color in (TOUCH_COLOR, FREE_COLOR):
-        assert count(tamponade[300:, right], rgb(color)) > 20       # the legend
+    ends = np.cumsum((0.0, *render.COLUMNS)) * SIZE[0]
+    section, halves, fundus = (slice(round(left), round(right)) for left, right in itertools.pairwise(ends))
+    assert_section(tamponade[:, section], (1.0, 0.0))
+    body = slice(80, 310)
+    assert count(tamponade[body, halves], rgb(INTERFACE_COLOR), 70) > 1500 and \
+        count(water[body, halves], rgb(INTERFACE_COLOR), 40) < 50
+    for pixels, least in ((water, 0), (tamponade, 3000)):
+        assert least <= count(pixels[body, fundus], COVERED, 4) <= 4 * least
+        assert count(pixels[body, fundus], BARE, 4) > 3000
+    half = round(0.5 * (fundus.start + fundus.stop))
+    upper, lower = tamponade[110:170, half], tamponade[230:280, half]
+    assert count(upper, COVERED, 4) > 40 and count(lower, BARE, 4) > 30
+    for color in (rgb(INTERFACE_COLOR), COVERED):
+        assert count(tamponade[315:], color) > 20       # the legend
+
+
+def wall_of(folder, initial, position, fraction, contact_angle=False):
+    """Write and return the wall (pyvista.PolyData) and the wall contact of a frame of oil in the ball."""
+    import pyvista
+
+    scene = load_resolved(folder / "scene.json")
+    if not contact_angle:
+        scene = dataclasses.replace(scene, effects={})
+    contact = Measured(scene, initial, frame_of(position, fraction)).wall
+    eye = pyvista.Icosphere(radius=RADIUS, nsub=5)
+    found = WallMapper(eye.points, eye.regular_faces).map(contact)
+    write_wall(folder / "wall.vtp", eye, found.contact_distance, found.oil_fraction)
+    return read_wall(folder / "wall.vtp"), contact
+
+
+@pytest.mark.parametrize("height", [-6e-3, 0.0, 5e-3])
+@pytest.mark.parametrize("tilt", [0.0, 1.0])
+def test_fundus_map_shows_the_share_that_is_measured(run_folder, tmp_path, height, tilt):
+    """And both are that of the plane, to the ring of half a particle that labels leave open."""
+    (tmp_path / "scene.json").write_text((run_folder / "scene.json").read_text())
+    position = lattice(seed=3)
+    wall, contact = wall_of(tmp_path, ball(), position, oil_fraction(position, height=height, tilt=tilt))
+    chart = FundusMap(np.asarray(wall.points), (400, 400))
+    drawn, measured = chart.share(wall["contact_distance"]), contact.covered_share(contact.retina_masks()["whole"])
+    assert abs(drawn - measured) < 0.01
+    directions = np.asarray(wall.points) / RADIUS
+    retina = np.arccos(np.clip(-directions[:, 2], -1.0, 1.0)) < np.radians(115.0)
+    above = oil_fraction(np.asarray(wall.points), height=height, tilt=tilt) > 0.5
+    assert drawn == pytest.approx((above & retina).sum() / retina.sum(), abs=0.03)
+
+
+def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_opened_eye(run_folder, tmp_path, opengl):
+    """An examiner who faces the patient sees the patient's left on the right; a pocket there is in that half only."""
+    import pyvista
+
+    (tmp_path / "scene.json").write_text((run_folder / "scene.json").read_text())
+    position = lattice()
+    pocket = (np.linalg.norm(position - [0.8 * RADIUS, 0.0, 0.0], axis=1) < 4e-3).astype(float)
+    wall, _ = wall_of(tmp_path, ball(), position, pocket)
+    pixels = np.asarray(FundusMap(np.asarray(wall.points), (400, 400), captions=False).draw(wall, uncertain=0.0))
+    assert count(pixels[:, :200], COVERED, 4) == 0 < 500 < count(pixels[:, 200:], COVERED, 4)
+
+    (tmp_path / "surfaces").mkdir()
+    frame = frame_of(position, pocket)
+    path = frame_path(tmp_path / "frames", 0)
+    write_frame(path, frame)
+    write_surfaces(tmp_path / "surfaces", path, frame, Reconstructor(ball(), 2))
+    surface = read_surface(tmp_path / "surfaces" / f"{path.stem}_silicone_oil_1000.vtp")
+    view = EyeView(pyvista.read(run_folder / "eye.vtp"), (300, 500))
+    picture = view.draw(wall, [(surface, INTERFACE_COLOR)]).astype(int)
+    view.close()
+    blue = (picture[..., 2] > picture[..., 0] + 25) & (picture.sum(axis=-1) > 250)      # neither wall nor shell
+    assert blue[:250].sum() == 0 < 300 < blue[250:].sum()
+
+
+def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():
+    import pyvista
+
+    vertices = np.asarray(pyvista.Icosphere(radius=RADIUS, nsub=4).points)
+    nasal = {right: FundusMap(vertices, (300, 300), right_eye=right).place(np.array([1.0, 0.0, -1.0]))
+             for right in (True, False)}
+    assert nasal[True][0] == nasal[False][0] > 150      # the patient's left is on the right in both
+    right, left = (np.asarray(FundusMap(vertices, (300, 300), right_eye=one, captions=False).draw(
+        bare_wall(vertices), uncertain=0.0)).astype(int) for one in (True, False))
+    white = [(pixels[:, columns] > 240).all(axis=-1).sum() for pixels in (right, left)
+             for columns in (slice(155, 200), slice(100, 145))]
+    assert white[0] > white[1] + 10 and white[3] > white[2] + 10
+
+
+def bare_wall(vertices):
+    """Return a wall that no oil touches."""
+    import pyvista
+
+    wall = pyvista.PolyData(vertices)
+    wall["contact_distance"] = np.full(len(vertices), -1.0)
+    wall["oil_fraction_covered"], wall["oil_fraction_bare"] = np.ones(len(vertices)), np.zeros(len(vertices))
+    return wall
+
+
+@pytest.mark.parametrize(("time", "means", "words"), [
+    (1.5, None, "t = 1.50 s"), (1.5, 2419200.0, "week 6.0"), (2.0, 86400.0, "day 2.0"), (2.0, 10.0, "t = 20.00 s")])
+def test_clock_shows_what_a_second_stands_for(time, means, words):
+    assert clock(time, means) == words
 
 
 @pytest.mark.parametrize("order", [("red", "blue"), ("blue", "red")])
@@ -201,13 +298,24 @@ def test_movie_lasts_as_long_as_its_pictures(tmp_path):
     assert about["fps"] == pytest.approx(8.0) and about["duration"] == pytest.approx(1.5)
 
 
+@pytest.mark.parametrize("gravity", [(0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (-9.81, 0.0, 0.0),
+                                     (0.0, -7.0, -7.0), (0.0, 9.81, 0.0)])
+@pytest.mark.parametrize("size", [(240, 300), (500, 500), (920, 1000)])
+def test_captions_of_all_postures_are_whole(gravity, size):
+    axis = 1e-3 * np.arange(-14, 15)
+    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"), size)
+    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
+    border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+    assert (border == 255).all()
+
+
 def corner_of_gravity(gravity):
     """Return rows and columns of the ink in the corner of a section where gravity is shown, without the words."""
     axis, size = 1e-3 * np.arange(-14, 15), 500
     panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
                          (size, size))
     pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
-    return np.nonzero((pixels[:round(0.14 * size), round(0.83 * size):round(0.95 * size)] < 100).all(axis=-1))
+    return np.nonzero((pixels[:round(0.125 * size), round(0.85 * size):] < 100).all(axis=-1))
 
 
 @pytest.mark.parametrize(("gravity", "right", "down"), [
@@ -237,5 +345,5 @@ def test_color_bar_names_each_liquid_at_the_end_of_its_color(run_folder, tmp_pat
     assert 0.1 * SIZE[0] < right - left < 0.3 * SIZE[0]
     band = pixels[round((1.0 - 0.066) * SIZE[1]):round((1.0 - 0.042) * SIZE[1])]
     written = np.flatnonzero((band < 160).all(axis=-1).any(axis=0))
-    before, after = written[written < left - 8], written[written > right + 8]
+    before, after = written[written < left - 8], written[(written > right + 8) & (written < right + 25)]
     assert np.ptp(before) > 2.0 * np.ptp(after) > 0

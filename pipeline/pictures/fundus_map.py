@@ -1,0 +1,186 @@
+"""Map of the fundus: which part of the retina the oil touches, drawn as vitreoretinal surgeons draw.
+
+As in the charts of Amsler and Dubois [straatsma1969, chapter] the macula is in the middle, circles are the equator, the
+ora serrata and the front edge of the pars plana, and the clock hours are those that an examiner sees who faces the
+patient. The distance from the middle is the angle from the posterior pole, seen from the center of the globe.
+Equations: docs/methods/pictures.md.
+"""
+import dataclasses
+
+import numpy as np
+from PIL import Image, ImageDraw
+from scipy.spatial import Delaunay
+from skimage.measure import find_contours
+
+from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
+from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
+
+EQUATOR, ORA, PARS_PLANA = 90.0, 115.0, 135.0  # degrees from the posterior pole; the pars plana is 4 mm long
+MACULA_RADIUS = 2.75e-3                         # m
+# The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
+DISC_DISTANCE, DISC_RADIUS, DISC_RISE = 4.76e-3, 0.89e-3, 7.0   # m, m, degrees above the horizontal
+HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
+LINE = (255, 255, 255)
+
+
+@dataclasses.dataclass(frozen=True)
+class Coverage:
+    """Covered share of a part of the retina and its uncertainty, 1."""
+
+    covered: float
+    uncertainty: float
+
+    def __str__(self) -> str:
+        doubt = f"{100 * self.uncertainty:.0f}"
+        return f"{100 * self.covered:.0f}{'' if doubt == '0' else f' ± {doubt}'} %"
+
+
+def globe_radius(vertices: np.ndarray) -> float:
+    """Distance from the center of the globe to the posterior pole, m: it turns lengths on the retina into angles."""
+    axis = -vertices[:, 2] / np.linalg.norm(vertices, axis=1)
+    return float(np.linalg.norm(vertices[axis.argmax()]))
+
+
+def disc_direction(globe: float, right_eye: bool) -> np.ndarray:
+    """Direction (3,) of the optic disc from the center of a globe with a radius in m: nasal of the macula."""
+    angle, rise = DISC_DISTANCE / globe, np.radians(DISC_RISE)
+    nasal = 1.0 if right_eye else -1.0
+    return np.array([nasal * np.sin(angle) * np.cos(rise), np.sin(angle) * np.sin(rise), -np.cos(angle)])
+
+
+class FundusMap:
+    """Draws the maps of one eye, always at the same scale and place.
+
+    Parameters
+    ----------
+    vertices : (n, 3) m, the surface of the cavity; the origin is the center of the globe.
+    size : width and height in pixels of the large canvas.
+    right_eye : whether temporal is the patient's right, the left of the map.
+    """
+
+    def __init__(self, vertices: np.ndarray, size: tuple[int, int], *, right_eye: bool = True, captions: bool = True):
+        self.size, self.unit, self.right_eye, self.captions = size, size[1] / 100.0, right_eye, captions
+        margin = (5.5 if captions else 2.0) * self.unit
+        self.center = np.array([0.5 * size[0], 0.5 * size[1]])
+        self.scale = (0.5 * min(size) - margin) / PARS_PLANA          # pixels per degree
+        angle = np.degrees(np.arccos(np.clip(-vertices[:, 2] / np.linalg.norm(vertices, axis=1), -1.0, 1.0)))
+        meridian = np.arctan2(vertices[:, 1], vertices[:, 0])
+        behind = angle < 165.0
+        self._chosen = np.flatnonzero(behind)
+        places = (angle * np.stack([np.cos(meridian), np.sin(meridian)]))[:, behind].T
+        self.globe = globe_radius(vertices)
+        columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+        x, y = (columns - self.center[0]) / self.scale, (self.center[1] - rows) / self.scale
+        self.inside = np.hypot(x, y) < PARS_PLANA
+        self._retina = (np.hypot(x, y) < ORA)[self.inside]
+        mesh = Delaunay(places)
+        points = np.stack([x[self.inside], y[self.inside]], axis=-1)
+        triangle = mesh.find_simplex(points)
+        transform = mesh.transform[triangle]
+        two = np.einsum("nij,nj->ni", transform[:, :2], points - transform[:, 2])
+        self._corners = mesh.simplices[triangle]
+        self._weights = np.column_stack([two, 1.0 - two.sum(axis=1)]).astype(np.float32)
+        stripe = np.arange(size[0])[None, :] + np.arange(size[1])[:, None]
+        self._hatch = ((stripe / (HATCH * self.unit)) % 2 < 1)[self.inside]
+
+    def draw(self, wall, *, uncertain: float, quadrants: dict[str, Coverage] | None = None, marks=()) -> Image.Image:
+        """Map of one frame.
+
+        Parameters
+        ----------
+        wall : pyvista.PolyData of the reconstruct stage, with the vertices of this map.
+        uncertain : m, on either side of the edge, which is hatched.
+        quadrants : of the retina, "superior_temporal" and so on.
+        marks : pairs of a color and a point (3,) in m, whose place on the wall is marked.
+        """
+        distance = self._at_pixels(wall.point_data["contact_distance"])
+        covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
+        colors = colors_of(np.where(distance > 0.0, covered, bare))
+        doubtful = (np.abs(distance) < uncertain) & self._hatch
+        colors[doubtful] = np.where(distance[doubtful, None] > 0.0, BARE, COVERED)
+        pixels = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
+        beyond = ~self._retina
+        colors[beyond] = (0.55 * colors[beyond] + 0.45 * 255).astype(np.uint8)
+        pixels[self.inside] = colors
+        image = Image.fromarray(pixels)
+        pen = ImageDraw.Draw(image)
+        whole = np.full(self.inside.shape, np.nan, np.float32)
+        whole[self.inside] = distance
+        for line in find_contours(whole, 0.0):
+            pen.line([(float(x), float(y)) for y, x in line], fill=INK, width=max(2, round(0.55 * self.unit)),
+                     joint="curve")
+        self._chart(pen)
+        for color, point in marks:
+            diamond(pen, self.place(np.asarray(point, float)), 1.5 * self.unit, color)
+        if self.captions:
+            self._captions(pen, quadrants or {})
+        return image
+
+    def hatch_sample(self, size: tuple[int, int]) -> Image.Image:
+        """How an uncertain edge looks, for a legend of a width and a height in pixels."""
+        rows, columns = np.mgrid[:size[1], :size[0]]
+        stripe, middle = ((rows + columns) / (HATCH * self.unit)) % 2 < 1, 0.5 * size[0]
+        colors = np.where((stripe ^ (columns < middle))[..., None], COVERED, BARE)
+        colors[np.abs(columns - middle) < 0.25 * self.unit] = INK
+        return Image.fromarray(colors.astype(np.uint8))
+
+    def share(self, contact_distance: np.ndarray) -> float:
+        """Covered share of the retina as drawn, every pixel weighted with the solid angle that it stands for."""
+        y, x = np.nonzero(self.inside)
+        angle = np.hypot(x + 0.5 - self.center[0], y + 0.5 - self.center[1]) / self.scale
+        weight = np.where(self._retina, np.sin(np.radians(angle)) / np.maximum(angle, 1e-6), 0.0)
+        return float((weight * (self._at_pixels(contact_distance) > 0.0)).sum() / weight.sum())
+
+    def place(self, point: np.ndarray) -> np.ndarray:
+        """Place (2,) on the map of a point (3,) in m, or of its direction from the center of the globe."""
+        angle = np.degrees(np.arccos(np.clip(-point[2] / max(np.linalg.norm(point), 1e-12), -1.0, 1.0)))
+        across = max(float(np.hypot(point[0], point[1])), 1e-12)
+        return self.center + self.scale * angle * np.array([point[0], -point[1]]) / across  # (Z3)
+
+    def _at_pixels(self, values: np.ndarray) -> np.ndarray:
+        chosen = np.asarray(values, np.float32)[self._chosen]
+        return (chosen[self._corners] * self._weights).sum(axis=1)
+
+    def _circle(self, pen: ImageDraw.ImageDraw, angle: float, color, width: float, center=(0.0, 0.0)) -> None:
+        x, y = self.center + self.scale * np.array(center) * [1.0, -1.0]
+        radius = self.scale * angle
+        pen.ellipse([x - radius, y - radius, x + radius, y + radius], outline=color, width=max(1, round(width)))
+
+    def _chart(self, pen: ImageDraw.ImageDraw) -> None:
+        thin, u = 0.25 * self.unit, self.unit
+        for hour in range(12):
+            direction = np.array([np.sin(np.radians(30.0 * hour)), -np.cos(np.radians(30.0 * hour))])
+            start, end = (self.center + self.scale * angle * direction for angle in (ORA - 8.0, PARS_PLANA))
+            pen.line([tuple(start), tuple(end)], fill=FAINT_INK, width=max(1, round(thin)))
+            if self.captions:
+                write(pen, self.center + (self.scale * PARS_PLANA + 2.4 * u) * direction, str(hour or 12), 2.6 * u,
+                      color=FAINT_INK, anchor="mm")
+        self._circle(pen, PARS_PLANA, FAINT_INK, thin)
+        self._circle(pen, ORA, INK, 0.45 * u)
+        for angle, center in ((EQUATOR, (0.0, 0.0)), (np.degrees(MACULA_RADIUS / self.globe), (0.0, 0.0)),
+                              (np.degrees(DISC_RADIUS / self.globe), self._disc)):
+            self._circle(pen, angle, INK, 3.4 * thin, center)
+            self._circle(pen, angle - 0.9 * thin / self.scale, LINE, 1.6 * thin, center)
+
+    @property
+    def _disc(self) -> np.ndarray:
+        """Place of the optic disc in degrees right and up."""
+        x, y = (self.place(disc_direction(self.globe, self.right_eye)) - self.center) / self.scale
+        return np.array([x, -y])
+
+    def _captions(self, pen: ImageDraw.ImageDraw, quadrants: dict[str, Coverage]) -> None:
+        u, (width, _), reach = self.unit, self.size, self.scale * PARS_PLANA
+        text = 2.4 * u
+        left, right = ("temporal", "nasal") if self.right_eye else ("nasal", "temporal")
+        for side, x, anchor in ((left, 1.0 * u, "l"), (right, width - 1.0 * u, "r")):
+            for up, y in (("superior", self.center[1] - reach), ("inferior", self.center[1] + reach - 2.6 * text)):
+                share = quadrants.get(f"{up}_{side}")
+                lines = (up, side) if share is None else (f"{100 * share.covered:.0f} %", up, side)
+                for row, line in enumerate(lines if up == "superior" else (up, side, *lines[:-2])):
+                    bold = line.endswith("%")
+                    write(pen, (x, y + 1.2 * text * row), line, (1.2 if bold else 0.9) * text, bold=bold,
+                          color=INK if bold else FAINT_INK, anchor=f"{anchor}m")
+        for name, place in (("disc", self._disc + np.array([0.0, -9.0])), ("macula", np.array([0.0, -20.0])),
+                            ("equator", (EQUATOR - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)])),
+                            ("ora", (ORA - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)]))):
+            write(pen, self.center + self.scale * place * [1.0, -1.0], name, 2.2 * u, anchor="mm", outline=True)

@@ -1,0 +1,19 @@
+"""Colors of what the oil touches, the same in every panel: the scale of volume fractions from blue to yellow."""
+import numpy as np
+from matplotlib import colormaps
+
+COLORS = (colormaps["cividis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+BARE, COVERED = COLORS[0], COLORS[-1]
+
+
+def wall_fractions(wall, covered) -> np.ndarray:
+    """Fraction of the oil (n,) in what lies on a wall of the reconstruct stage, pyvista.PolyData with n points.
+
+    ``covered`` (n,), or one for all: whether the oil touches there.
+    """
+    return np.where(covered, wall.point_data["oil_fraction_covered"], wall.point_data["oil_fraction_bare"])
+
+
+def colors_of(fraction: np.ndarray) -> np.ndarray:
+    """Colors (..., 3) of fractions of oil."""
+    return COLORS[np.clip(np.asarray(fraction) * 255.0 + 0.5, 0, 255).astype(np.uint8)]
