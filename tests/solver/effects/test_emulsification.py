@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.advice.report import report_of
-from pipeline.pictures.section_panel import COLORS, DROPLET_COLORS, Eye, SectionPanel
+from pipeline.pictures.paint import COLORS
+from pipeline.pictures.section_panel import DROPLET_COLORS, Eye, SectionPanel
 from pipeline.scenes.checks import check
 from pipeline.scenes.load import load_scene
 from sim.effects import contact_line_emulsification as law
