@@ -37,7 +37,7 @@ from pipeline.surfaces.surface_files import read_retina, read_section, read_surf
 
 HEADER, CAPTIONS, FOOTER = 0.12, 0.065, 0.105       # of the height
 COLUMNS, COLUMNS_WITHOUT_VIEW = (0.37, 0.25, 0.38), (0.5, 0.5)     # of the width
-MARK_COLORS = {"cannula": (213, 94, 0), "drain": (204, 121, 167)}
+MARK_COLORS = {"cannula": (213, 94, 0), "drain": (120, 94, 240)}
 FAR_BESIDE, LEAST_BESIDE = 1e-3, 0.01   # m off the section, and share of the cavity, from which on it is said
 
 
@@ -213,7 +213,7 @@ class Renderer:
             if abs(center) > FAR_BESIDE else ""
 
 
-def render_frames(scene, cavity_volume: float, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
+def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
     """Draw every frame of a folder; the folder of pictures appears by rename."""
     renderer: Any = ContainerRenderer(scene, eye_surface) if scene.container else \
         Renderer(scene, cavity_volume, eye_surface)
@@ -263,7 +263,7 @@ def main(arguments: list[str] | None = None) -> None:
         import pyvista
 
         eye = pyvista.read(options.eye)
-    cavity_volume = float(load_initial(options.initial)["cavity_volume"])
+    cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])
     render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)
 
 

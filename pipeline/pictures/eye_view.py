@@ -79,7 +79,7 @@ class EyeView:
                     part.point_data["color"] = colors_of(fraction)
                     self._add(row, side, part, scalars="color", rgb=True, ambient=0.65, diffuse=0.4)
             for interface, color in interfaces:
-                self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.35, diffuse=0.6,
+                self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.5, diffuse=0.5,
                           specular=0.25, specular_power=20.0)
             if edge is not None and edge.n_cells:
                 self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 300)))

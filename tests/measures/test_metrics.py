@@ -140,7 +140,7 @@ def test_wall_under_a_thin_wedge_is_not_touched(dimension, angle, fill, toleranc
     if angle < 20.0:
         assert by_label.covered_share() > exact.coverage + 0.04
     # The same seen from the other liquid: what one loses the other gains.
-    other = dataclasses.replace(contact, covered=~contact.covered, contact_angle=np.pi - theta)
+    other = dataclasses.replace(contact, oil_fraction=1.0 - contact.oil_fraction, contact_angle=np.pi - theta)
     assert contact.covered_share() + other.covered_share() == pytest.approx(1.0)
 
 
