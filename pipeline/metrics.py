@@ -2,9 +2,9 @@
 
 To add a metric, write one function of a :class:`~pipeline.measures.frame_view.Measured` state and register it with
 ``@metric``: it becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of
-the report. Those of mixtures are in :mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in
-:mod:`pipeline.measures.rotation_metrics`, those that an effect knows by itself in its file (`Effect.measures`);
-``--list`` prints what every column means.
+the report, in the order of its ``place``. Those of mixtures are in
+:mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in :mod:`pipeline.measures.rotation_metrics`, those
+that an effect knows by itself in its file (`Effect.measures`); ``--list`` prints what every column means.
 """
 import argparse
 from collections.abc import Sequence
@@ -19,10 +19,13 @@ from pipeline.base.progress import progress
 from pipeline.base.tables import write_table
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, rotation_metrics
+from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import MIXED, Measured
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar
+from pipeline.measures.plots import overview, write_plots
 from pipeline.measures.rest import rest_in_words
-from pipeline.measures.summary import write_plots, write_summary
+from pipeline.measures.shown import shown_metrics
+from pipeline.measures.summary import write_summary
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
@@ -46,17 +49,17 @@ def time(state):
     return state.frame.time
 
 
-@metric("mL", "volume of each liquid; like energies, in two dimensions that of a layer 1 m deep")
+@metric("mL", "volume of each liquid; like energies, in two dimensions that of a layer 1 m deep", place=11)
 def volume(state):
     return dict(zip(state.frame.liquids, 1e6 * state.frame.fill, strict=True))
 
 
-@metric("%", "share of the cavity that the oil fills", of_eye=True)
+@metric("%", "share of the cavity that the oil fills", of_eye=True, place=6, limits=(0.0, 100.0))
 def fill(state):
     return 100 * state.frame.fill[state.oil] / state.cavity_volume
 
 
-@metric("mm", "center of mass of each liquid (in an eye x to the patient's left, y superior, z anterior)")
+@metric("mm", "center of mass of each liquid (in an eye x to the patient's left, y superior, z anterior)", place=10)
 def center_of_mass(state):
     masses = state.frame.volume[:, None].astype(float) * state.frame.volume_fraction
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -65,19 +68,19 @@ def center_of_mass(state):
             for axis, center in zip("xyz", row, strict=False)}
 
 
-@metric("J", "kinetic energy of the liquids")
+@metric("J", "kinetic energy of the liquids", place=17)
 def kinetic_energy(state):
     return energies.kinetic_energy(state.mass, state.frame.velocity)
 
 
 @metric("J", "potential energy of the liquids, 0 when their center of mass is in the center of the eye, or at the "
-             "lower corner of the container")
+             "lower corner of the container", place=18)
 def potential_energy(state):
     gravity = state.frame.gravity[:state.frame.dimension]
     return energies.potential_energy(state.mass, state.frame.position, gravity)
 
 
-@metric("mm/s", "root mean square and largest speed of the particles")
+@metric("mm/s", "root mean square and largest speed of the particles", place=9)
 def speed(state):
     square = np.sum(state.frame.velocity.astype(float)**2, axis=1)
     return {"rms": 1e3 * np.sqrt(square.sum() / max(len(square), 1)), "largest": 1e3 * np.sqrt(square.max(initial=0.0))}
@@ -113,7 +116,8 @@ def computing_time(state):
     return {"wall": state.statistic("wall_seconds"), "cpu": state.statistic("cpu_seconds")}
 
 
-@metric("%", "share of the whole wall that the oil touches", of_eye=True)
+@metric("%", "share of the whole wall that the oil touches", of_eye=True, place=4, uncertainty="wall_coverage_band",
+        limits=(0.0, 100.0))
 def wall_coverage(state):
     return 100 * state.wall.covered_share()
 
@@ -125,24 +129,38 @@ def wall_coverage_band(state):
 
 
 @metric("deg", "arc of the wall that the oil touches in the sagittal plane, seen from the center of the eye",
-        of_eye=True)
+        of_eye=True, place=5, uncertainty="contact_arc_band", limits=(0.0, 360.0))
 def contact_arc(state):
     return state.wall.contact_arc()
 
 
+@metric("deg", "arc of the wall in that plane within one particle spacing of the contact line: half of it is the "
+               "uncertainty of the arc", of_eye=True)
+def contact_arc_band(state):
+    return state.wall.contact_arc_band()
+
+
 @metric("%", "share of the retina (within 115 degrees of the posterior pole), of its halves and of the macula (disc of "
-             "5.5 mm at the pole) that the oil touches", of_eye=True)
+             "5.5 mm at the pole) that the oil touches", of_eye=True, place=1, uncertainty="retina_coverage_band",
+        limits=(0.0, 100.0))
 def retina_coverage(state):
     return {name: 100 * state.wall.covered_share(mask) for name, mask in state.wall.retina_masks().items()}
 
 
-@metric("1", "smallest and largest volume fraction of the oil", of_eye=True)
+@metric("%", "share of the same parts of the retina within one particle spacing of the contact line: half of it is the "
+             "uncertainty of their coverage", of_eye=True)
+def retina_coverage_band(state):
+    return {name: 100 * state.wall.band_share(mask) for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("1", "smallest and largest volume fraction of the oil", of_eye=True, limits=(0.0, 1.0))
 def volume_fraction(state):
     fraction = state.oil_fraction
     return {"smallest": fraction.min(initial=np.inf), "largest": fraction.max(initial=-np.inf)}
 
 
-@metric("mL", "volume of the emulsion, where the volume fraction of the oil is between 0.05 and 0.95", of_eye=True)
+@metric("mL", "volume of the emulsion, where the volume fraction of the oil is between 0.05 and 0.95", of_eye=True,
+        place=14)
 def emulsified_volume(state):
     mixed = (state.oil_fraction > MIXED[0]) & (state.oil_fraction < MIXED[1])
     return 1e6 * np.sum(state.frame.volume[mixed])
@@ -233,18 +251,23 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("folders", type=Path, nargs="+", metavar="FRAMES_DIR", help="folders of frames")
     parser.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")
     parser.add_argument("--summary", type=Path, metavar="FILE.html", help="page with one row per metric")
-    parser.add_argument("--plots", type=Path, metavar="DIR", help="folder for one plot per metric")
+    parser.add_argument("--plots", type=Path, metavar="DIR",
+                        help="folder for overview.png and one plot per metric that changes")
     options = parser.parse_args(arguments)
     scene = load_resolved(options.scene)
     paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
-    table = measure(scene, load_initial(options.initial), paths)
+    initial = load_initial(options.initial)
+    table = measure(scene, initial, paths)
     write_table(options.output, table)
     if rest := rest_in_words(table):
         print(f"{scene.name}: {rest}", flush=True)
+    shown = shown_metrics(table, metrics_of(scene))
+    events = events_of(scene, table, float(initial["cavity_volume"]))
+    title = f"{scene.title or scene.name} ({scene.accuracy})"
     if options.summary:
-        write_summary(options.summary, table, metrics_of(scene), scene)
+        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title))
     if options.plots:
-        write_plots(options.plots, table, metrics_of(scene), scene)
+        write_plots(options.plots, shown, table, events, title)
 
 
 if __name__ == "__main__":

@@ -28,8 +28,8 @@ CHOICES = ("sim.effects", "sim.schemes")
 # The settings ask for the names of the schemes only.
 NAMES_ONLY = ("sim.settings",)
 # A scene's effects are values to the stages around the solver, but for these modules, which run their code.
-ASKING = ("pipeline.forecast.phases", "pipeline.measures.metric", "pipeline.scenes.effects", "pipeline.scenes.fill",
-          "pipeline.simulation.solver_setup")
+ASKING = ("pipeline.forecast.phases", "pipeline.measures.events", "pipeline.measures.metric",
+          "pipeline.scenes.effects", "pipeline.scenes.fill", "pipeline.simulation.solver_setup")
 
 
 def call_digest(module: str, chosen: Iterable[str], values: object) -> str:

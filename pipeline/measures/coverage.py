@@ -109,22 +109,34 @@ class WallContact:
         weight = self.weight if mask is None else self.weight * mask
         return float(np.clip((weight * self.touched).sum() / weight.sum(), 0.0, 1.0)) if weight.any() else np.nan
 
-    def band_share(self, mask: np.ndarray | None = None) -> float:
-        """Return the share of the wall, or of the part in ``mask``, within one particle spacing of the contact line."""
+    @functools.cached_property
+    def near_line(self) -> np.ndarray:
+        """The wall points within one particle spacing of the contact line, (m,) bool."""
+        near = np.zeros(len(self.covered), bool)
         if self.covered.all() or not self.covered.any():
-            return 0.0
+            return near
         reach = 1.5 * self.particle_spacing
-        touching = np.zeros(len(self.covered), bool)
         for side in (self.covered, ~self.covered):
             distance = cKDTree(self.position[~side]).query(self.position[side], distance_upper_bound=reach)[0]
-            touching[np.flatnonzero(side)[np.isfinite(distance)]] = True
+            near[np.flatnonzero(side)[np.isfinite(distance)]] = True
+        return near
+
+    def band_share(self, mask: np.ndarray | None = None) -> float:
+        """Return the share of the wall, or of the part in ``mask`` (m,), within one particle spacing of the line."""
         weight = self.weight if mask is None else self.weight * mask
-        return float(weight[touching].sum() / weight.sum()) if weight.any() else np.nan
+        return float(weight[self.near_line].sum() / weight.sum()) if weight.any() else np.nan
 
     def contact_arc(self) -> float:
         """Return the covered arc in the sagittal plane (in 2D: in the plane), in degrees around the center."""
+        return self._arc(self.touched)
+
+    def contact_arc_band(self) -> float:
+        """Return the arc of that plane within one particle spacing of the contact line, in degrees."""
+        return self._arc(self.near_line)
+
+    def _arc(self, touched: np.ndarray) -> float:
+        """The arc that a share of every wall point, (m,), makes up in the sagittal plane, in degrees."""
         plane = self.position
-        touched = self.touched
         if self.position.shape[1] == 3:
             near = np.abs(self.position[:, 0]) < self.particle_spacing
             plane, touched = self.position[near][:, 1:], touched[near]

@@ -10,6 +10,7 @@ from pipeline.scenes.model import Scene
 from sim.effects.effect import MIXES, Effect
 
 Value = float | dict[str, float]
+LAST = 1000  # place of a metric that tells of the computation rather than of the eye
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +25,9 @@ class Metric:
     of_mixture : whether it says something only where liquids mix, and other scenes go without it.
     of_rotation : the same for eyes that turn.
     effect : the effect whose own measure it is; other scenes go without it.
+    place : order of interest, the smallest first on the page and among the plots.
+    uncertainty : name of the metric whose half, part by part, is the uncertainty of this one, drawn as a band.
+    limits : ends of the axis; without them it follows the numbers.
     """
 
     name: str
@@ -34,6 +38,9 @@ class Metric:
     of_mixture: bool = False
     of_rotation: bool = False
     effect: str | None = None
+    place: int = LAST
+    uncertainty: str | None = None
+    limits: tuple[float, float] | None = None
 
     def columns(self, state: Measured) -> dict[str, float]:
         """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""

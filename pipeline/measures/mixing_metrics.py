@@ -23,7 +23,8 @@ FEWEST_NEIGHBORS = 4        # fewer directions than that may lie in one plane, w
 
 @metric("1", "how far the liquids are mixed: 0 where every particle is one pure liquid, 1 where all are alike; "
              "variance: 1 - sum of the variances of the fractions / sum of m (1 - m), m the mean fraction of a liquid; "
-             "entropy: mean of -sum a ln a / -sum m ln m", of_mixture=True)
+             "entropy: mean of -sum a ln a / -sum m ln m", of_mixture=True, place=7,
+        limits=(0.0, 1.0))
 def mixing_index(state: Measured) -> dict[str, float]:
     fraction = state.frame.volume_fraction.astype(float)
     share = state.frame.volume.astype(float) / max(state.frame.volume.sum(dtype=float), np.finfo(float).tiny)
@@ -42,14 +43,14 @@ def entropy(fraction: np.ndarray) -> np.ndarray:
 
 
 @metric("mL", "volume of liquid by its volume fraction of oil, in percent; the bands add up to all liquid",
-        of_mixture=True)
+        of_mixture=True, place=15)
 def fraction_band(state: Measured) -> dict[str, float]:
     names = ["below_5", "5_to_25", "25_to_50", "50_to_75", "75_to_95", "above_95"]
     return _bands(state.oil_fraction, state.frame.volume, BANDS, names)
 
 
 @metric("mL", "volume of liquid by its content of droplets, in parts per million by volume; the bands add up to all "
-              "liquid (only with contact_line_emulsification)", of_mixture=True)
+              "liquid (only with contact_line_emulsification)", of_mixture=True, place=16)
 def droplet_band(state: Measured) -> dict[str, float]:
     names = ["below_1", "1_to_10", "10_to_100", "100_to_1000", "above_1000"]
     if state.droplets is None:
@@ -66,7 +67,7 @@ def _bands(fraction: np.ndarray, volume: np.ndarray, edges: tuple[float, ...], n
 
 @metric("cm2", "area of the interface of the oil: the integral of the size of the gradient of its smoothed volume "
                "fraction, which is the mean area of all levels of the fraction (in two dimensions its length times "
-               "1 m)", of_mixture=True)
+               "1 m)", of_mixture=True, place=8)
 def interface_area(state: Measured) -> float:
     position, volume = state.frame.position, state.frame.volume
     # Smoothed first: from one particle to the next a step is rough, and all roughness adds to the area.
@@ -124,14 +125,14 @@ def fraction_gradient(position: np.ndarray, volume: np.ndarray, fraction: np.nda
 @metric("mL", "volume of the emulsion (with contact_line_emulsification: the oil in droplets; else the liquid with a "
               "fraction of oil between 0.05 and 0.95) in the whole cavity, its quadrants (temporal is the patient's "
               "right in a right eye) and the superior angle (the anterior third, within 45 degrees of superior)",
-        of_eye=True, of_mixture=True)
+        of_eye=True, of_mixture=True, place=3)
 def emulsion(state: Measured) -> dict[str, float]:
     volume = emulsion_volume(state)
     return {place: 1e6 * volume[mask].sum() for place, mask in places(state).items()}
 
 
 @metric("%", "share of the emulsion that is in each quadrant of the cavity and in the superior angle", of_eye=True,
-        of_mixture=True)
+        of_mixture=True, place=13)
 def emulsion_share(state: Measured) -> dict[str, float]:
     volume, masks = emulsion_volume(state), places(state)
     total = volume.sum()
@@ -140,7 +141,7 @@ def emulsion_share(state: Measured) -> dict[str, float]:
 
 
 @metric("%", "share of the liquid of each part of the cavity that is emulsion: how thick the emulsion is there",
-        of_eye=True, of_mixture=True)
+        of_eye=True, of_mixture=True, place=12)
 def emulsion_content(state: Measured) -> dict[str, float]:
     volume = emulsion_volume(state)
     return {place: 100.0 * volume[mask].sum() / state.frame.volume[mask].sum(dtype=float) if mask.any() else np.nan

@@ -13,7 +13,8 @@ HIGH = 99  # percentile of the stress over the retina that is called high: the l
 
 @metric("Pa", "shear stress of the liquid on the retina: mean, and what 1 % of it exceeds; a few percent too high "
               "where the layer that is dragged along is 2 particle spacings thick (family `turned_sphere` of the study "
-              "`validation`), unknown where it is thinner", of_eye=True, of_rotation=True)
+              "`validation`), unknown where it is thinner", of_eye=True, of_rotation=True,
+        place=2)
 def retina_shear_stress(state: Measured) -> dict[str, float]:
     contact = state.wall
     retina = contact.retina_masks()["whole"]

@@ -216,6 +216,11 @@ class Effect:
         """Parts of a scene in which it makes steps differ: name, begin and end, s."""
         return iter(())
 
+    @classmethod
+    def events(cls, parameters, fill: dict[str, float], cavity_volume: float) -> Iterator[tuple[str, float, float]]:
+        """What curves over time mark: words, begin and end, s, the same of a moment."""
+        return cls.spans(parameters, fill, cavity_volume)
+
     # Memory.
 
     @classmethod

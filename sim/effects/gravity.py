@@ -160,6 +160,13 @@ class Gravity(Effect):
                 yield what, one.start, one.start + one.duration
 
     @classmethod
+    def events(cls, parameters, fill, cavity_volume):
+        for turn in parameters.turns:
+            yield f"turn to {turn.to}", turn.start, turn.start + turn.duration
+        for jolt in parameters.jolts:
+            yield "jolt", jolt.start, jolt.start + jolt.duration
+
+    @classmethod
     def advice(cls, parameters, scales, limits):
         gravity, closed = scales.gravity or EARTH_GRAVITY, scales.scene.closed
         if parameters and parameters.magnitude == 0.0 and not parameters.jolts:

@@ -182,6 +182,13 @@ class Injection(Effect):
             missing = max(0.0, parameters.fill - fill.get(parameters.liquid, 0.0)) * cavity_volume
             yield "injection", parameters.start, parameters.time_of(missing)
 
+    @classmethod
+    def events(cls, parameters, fill, cavity_volume):
+        for _, begin, end in cls.spans(parameters, fill, cavity_volume):
+            if end > begin:
+                yield "injection", begin, begin
+                yield "end of injection", end, end
+
     def state_at(self, time: float, volumes: dict[str, float], fill: dict[str, float]) -> dict:
         flown, liquid = self.parameters.flowed(time), self.parameters.liquid
         before = {"volume_before": volumes[liquid] - flown} if flown else {}
