@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.palette import curve_style
 from pipeline.base.progress import progress
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
@@ -171,14 +172,15 @@ def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None
     left, right = FigureCanvasAgg(figure).figure.subplots(1, 2)
     spacing = 1e3 * scene.numerics.particle_spacing
     frames = sorted({row["frame"]: row["time [s]"] for row in rows}.items())
-    for liquid in (one.name for one in scene.liquids):
+    for number, liquid in enumerate(one.name for one in scene.liquids):
         own = [row for row in rows if row["liquid"] == liquid]
         if not own:
             continue
         counts = [sum(row["frame"] == frame for row in own) for frame, _ in frames]
-        left.step([time for _, time in frames], counts, where="post", label=liquid.replace("_", " "))
+        style = {"where": "post", "label": liquid.replace("_", " "), **curve_style(number)}
+        left.step([time for _, time in frames], counts, **style)
         size = np.sort([row["diameter [mm]"] for row in own if row["frame"] == frames[-1][0]])
-        right.step([0.1 * spacing, *size], np.arange(len(size), -1, -1), where="post", label=liquid.replace("_", " "))
+        right.step([0.1 * spacing, *size], np.arange(len(size), -1, -1), **style)
     left.set(xlabel="simulated time [s]", ylabel="bodies")
     # From the size of a single particle to beyond the largest body.
     largest = max((row["diameter [mm]"] for row in rows), default=1.0)

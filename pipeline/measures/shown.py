@@ -116,7 +116,7 @@ def _shown(metric: Metric, columns: Mapping[str, str], table: Mapping[str, np.nd
     if unit in ("", "%"):
         values = {part: np.where(np.abs(numbers) < ROUND_OFF, 0.0, numbers) for part, numbers in values.items()}
     largest = max(map(_largest, values.values()))
-    if unit in WITH_PREFIX and largest > 0.0:
+    if unit in WITH_PREFIX and largest > 0.0 and metric.name != "time":  # which is that of the plots
         factor = next((one for one in PREFIXES if largest >= one), min(PREFIXES))
         unit, largest = PREFIXES[factor] + unit, largest / factor
         values = {part: numbers / factor for part, numbers in values.items()}

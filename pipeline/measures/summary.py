@@ -37,8 +37,8 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
                        f"{1e3 * scene.numerics.particle_spacing:g} mm."),
         page.paragraph(rest_in_words(table).capitalize()),
         page.picture(sheet, f"{title}: the metrics that matter most over time"),
-        page.paragraph("What changes, the most interesting first. ± is half of what the contact line covers within one "
-                       "particle spacing, as are the bands in the plots."),
+        page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "
+                       "the contact line, as are the bands in the plots."),
         page.table(("metric", "start", "end", "smallest", "largest", "unit", "meaning"), rows, words=[5, 6]),
         *([page.section("Constant"),
            page.paragraph("Within the digits shown these do not change, and have no plot."),

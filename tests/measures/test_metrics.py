@@ -1,5 +1,6 @@
 """Metrics agree with closed forms, and each becomes a column, a plot and a row of the report."""
 import dataclasses
+import itertools
 import re
 
 import numpy as np
@@ -7,14 +8,17 @@ import pytest
 import synthetic_frames
 
 from pipeline import metrics
+from pipeline.base import palette
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData, frame_path, write_frame
 from pipeline.base.tables import read_table
 from pipeline.cavity.shapes import shape_arrays
-from pipeline.measures import rest
+from pipeline.measures import plots, rest
 from pipeline.measures.coverage import WallContact
+from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import Measured
-from pipeline.measures.summary import columns_by_metric
+from pipeline.measures.shown import columns_by_metric, shown_metrics
+from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Material, Output, Scene
 from pipeline.study_kit.tank import cavity
 from pipeline.study_kit.young_laplace import oil_at_rest
@@ -382,10 +386,16 @@ def test_command_line_makes_table_plots_and_summary(run_folder):
     assert np.isnan(table["pressure_iterations [1]"][0]) and table["pressure_iterations [1]"][1] == 7
     assert np.all(np.diff(table["wall_coverage [%]"]) < 0)
     shown = metrics.metrics_of(make_scene())
-    names = {one.name for one in shown}
-    assert {path.stem for path in (run_folder / "plots").iterdir()} == names - {"time"}
     page = (run_folder / "metrics.html").read_text()
     assert "Oil &amp; water." in page and all(one.meaning.split("'")[0] in page for one in shown)
+    changing, _, constant = page.partition("<h2>Constant</h2>")
+    plots = {path.stem for path in (run_folder / "plots").iterdir()}
+    assert {"overview", "retina_coverage", "wall_coverage", "contact_arc", "fill", "center_of_mass"} <= plots
+    assert plots <= {one.name for one in shown} - {"time", "wall_coverage_band"} | {"overview"}
+    for still in ("kinetic_energy", "particles_outside", "speed", "time_step", "pressure_iterations"):
+        assert still not in plots and f"<td>{still.replace('_', ' ')}" in constant
+    order = [changing.index(f"<td>{name}") for name in ("retina coverage whole", "wall coverage", "fill", "time")]
+    assert order == sorted(order)
 
 
 @pytest.mark.parametrize("text", ["", "frame,fill\n0,x\n", "frame,fill\n0\n", "fill\n0\n"])
@@ -400,7 +410,98 @@ def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
     table, page = read_table(run_folder / "metrics.csv"), (run_folder / "metrics.html").read_text()
     cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", row) for row in page.split("<tr>")) if row}
-    for name, column in (("wall coverage", "wall_coverage [%]"), ("time", "time [s]")):
+    for name, column, step in (("wall coverage", "wall_coverage [%]", 1.0), ("time", "time [s]", 1e-3)):
         numbers = table[column]
-        shown = [float(cell) for cell in cells[name][:4]]
-        assert shown == pytest.approx([numbers[0], numbers[-1], numbers.min(), numbers.max()], rel=1e-4)
+        shown = [float(cell.partition(" ± ")[0]) for cell in cells[name][:4]]
+        assert shown == pytest.approx([numbers[0], numbers[-1], numbers.min(), numbers.max()], abs=0.51 * step)
+    band = 0.5 * table["wall_coverage_band [%]"][-1]
+    assert float(cells["wall coverage"][1].partition(" ± ")[2]) == pytest.approx(band, rel=0.1)
+
+
+def shown_of(columns, times=21):
+    """Return metrics as they are shown, from column -> numbers over time."""
+    table = {"time [s]": np.linspace(0.0, 2.0, times)} | {name: np.asarray(one) for name, one in columns.items()}
+    return {one.metric.name: one for one in shown_metrics(table, metrics.METRICS)}, table
+
+
+def ticks_of(shown, table):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    plots.draw(axes, shown, table["time [s]"], [])
+    axes.figure.draw_without_rendering()
+    return axes, [label.get_text() for label in axes.get_yticklabels()]
+
+
+def test_noise_is_not_drawn_as_a_signal():
+    random = np.random.default_rng(0)
+    shown, table = shown_of({
+        "fill [%]": np.linspace(85.00001, 84.99998, 21), "smallest_spacing [1]": random.uniform(0.7500, 0.7515, 21),
+        "mixing_index_variance [1]": 1e-15 * random.normal(size=21), "droplet_band_below_1 [mL]": np.full(21, np.nan),
+        "speed_rms [mm/s]": np.linspace(3.0, 1.0, 21), "speed_largest [mm/s]": np.full(21, 7.0)})
+    drawn = [one.metric.name for one in plots.drawn_metrics(list(shown.values()))]
+    assert drawn == ["speed", "smallest_spacing"]
+    assert shown["fill"].curves[0].texts() == ["85.0"] * 4
+    assert shown["mixing_index"].curves[0].texts()[-1] == "0" and shown["droplet_band"].curves[0].texts() == [""] * 4
+    axes, labels = ticks_of(shown["smallest_spacing"], table)
+    assert np.ptp(axes.get_ylim()) > 5 * 0.0015
+    assert all(len(label) <= 6 for label in labels) and len(set(labels)) == len(labels)
+
+
+def test_axis_of_a_share_is_whole_and_its_band_is_drawn():
+    shown, table = shown_of({"wall_coverage [%]": np.linspace(67.5, 68.0, 21),
+                             "wall_coverage_band [%]": np.full(21, 8.0)})
+    axes, _ = ticks_of(shown["wall_coverage"], table)
+    assert axes.get_ylim()[0] <= 0.0 and axes.get_ylim()[1] >= 100.0
+    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((63.5, 72.0))
+    assert shown["wall_coverage"].curves[0].texts()[:2] == ["67.5 ± 4", "68.0 ± 4"]
+
+
+def test_small_energies_have_a_prefix():
+    shown, _ = shown_of({"kinetic_energy [J]": np.linspace(0.0, 4.9e-7, 21)})
+    assert shown["kinetic_energy"].unit == "nJ" and shown["kinetic_energy"].curves[0].texts()[1] == "490"
+
+
+def test_bands_are_those_of_two_ends_of_an_arc(sphere):
+    found = values(make_state(sphere, sphere["fluid_position"][:, 1] > 0))
+    # The line crosses the plane twice, and a band reaches a spacing to either side of it.
+    assert found["contact_arc_band [deg]"] == pytest.approx(4 * np.degrees(SPACING / RADIUS), rel=0.5)
+    superior, inferior = (found[f"retina_coverage_band_{half} [%]"] for half in ("superior", "inferior"))
+    assert 5.0 < superior == pytest.approx(inferior, abs=3)
+    full = values(make_state(sphere, np.ones(len(sphere["fluid_position"]))))
+    assert full["contact_arc_band [deg]"] == 0 == full["retina_coverage_band_whole [%]"]
+
+
+@pytest.mark.parametrize(("scene", "expected"), [
+    ("tamponade", [("end of injection", 2.174, 2.174), ("turn to upright", 2.3, 2.8)]),
+    ("emulsification", [("turn to prone", 0.5, 1.0)])])
+def test_events_are_those_of_the_scene(scene, expected, monkeypatch, request):
+    monkeypatch.chdir(request.config.rootpath)
+    scene, cavity_volume = load_scene(f"config/scenes/{scene}.yaml", "draft"), 5.057e-6
+    table = {"volume_aqueous [mL]": [5.057], "volume_silicone_oil_1000 [mL]": [0.0]}
+    found = events_of(scene, table, cavity_volume)
+    assert [one.words for one in found] == [words for words, *_ in expected]
+    for one, (_, begin, end) in zip(found, expected, strict=True):
+        assert (one.begin, one.end) == pytest.approx((begin, end), abs=1e-2)
+
+
+# Severity 1 of the three kinds of color blindness, in linear RGB [machado2009].
+BLINDNESS = {
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+
+
+@pytest.mark.parametrize("kind", BLINDNESS)
+def test_colors_of_curves_are_told_apart_with_color_blindness(kind):
+    from matplotlib.colors import to_rgb
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    light = np.array([to_rgb(color) for color in palette.COLORS])
+    linear = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.array(BLINDNESS[kind]).T, 0.0, 1.0)
+    lab = rgb2lab(np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)[None])[0]
+    apart = [deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)]
+    assert min(apart) > 10.0
