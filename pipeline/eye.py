@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
     except MeshRefused as refused:
         raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
     report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
-    write_mesh(mesh, options.output)
+    write_mesh(mesh, options.output, scene.eye)
     write_text(options.report, json.dumps(report, indent=2) + "\n")
     picture.unlink(missing_ok=True)
     for sentence in report.get("repairs", ()):

@@ -2,8 +2,8 @@
 
 A frame is a VTK unstructured grid of vertices (``.vtu``), because ParaView, pyvista and meshio all open it; meshio
 reads no ``.vtp`` and no LZ4, so the arrays are stored raw. Every array carries its unit (VTK's ``UNITS_LABEL``) and the
-parts of ``volume_fraction`` and ``fill`` carry the liquid's name. meshio has no string arrays: text is stored as UTF-8
-bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()``.
+parts of ``volume_fraction`` and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8
+bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()``: meshio has no string arrays.
 """
 import argparse
 import os

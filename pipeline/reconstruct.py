@@ -95,7 +95,7 @@ def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Re
             write_copy(surface_path(folder, path.stem, liquid, f".{suffix}"), mesh)
     section = reconstructor.section()
     if section is not None:
-        write_section(folder / f"{path.stem}_section.vti", section)
+        write_section(folder / f"{path.stem}_section.vti", section, time=frame.time, liquids=frame.liquids)
     statistics = {"time": frame.time, "mixed": mixed, "liquids": dict(zip(
         frame.liquids, (surface.statistics for surface in surfaces), strict=True))}
     if wall is not None:

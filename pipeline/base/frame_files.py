@@ -2,8 +2,8 @@
 
 A frame is a VTK unstructured grid of vertices (``.vtu``), because ParaView, pyvista and meshio all open it; meshio
 reads no ``.vtp`` and no LZ4, so the arrays are stored raw. Every array carries its unit (VTK's ``UNITS_LABEL``) and the
-parts of ``volume_fraction`` and ``fill`` carry the liquid's name. meshio has no string arrays: text is stored as UTF-8
-bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()``.
+parts of ``volume_fraction`` and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8
+bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()`` (``pipeline.base.vtk_files``).
 """
 import contextlib
 import dataclasses
@@ -132,6 +132,8 @@ def _to_vtk(frame: FrameData, *, unstructured: bool):
     """The frame as a vtkUnstructuredGrid or vtkPolyData of vertices."""
     import pyvista
 
+    from pipeline.base.vtk_files import set_text
+
     count = len(frame.position)
     position = np.zeros((count, 3), dtype=np.asarray(frame.position).dtype)
     position[:, :frame.dimension] = frame.position
@@ -161,7 +163,7 @@ def _to_vtk(frame: FrameData, *, unstructured: bool):
         row = numbers.reshape(1, -1) if name in ("gravity", "fill") else numbers
         mesh.GetFieldData().AddArray(_vtk_array(name, row, FIELD_UNITS, frame.liquids))
     for name, text in texts.items():
-        mesh.GetFieldData().AddArray(_vtk_array(name, np.frombuffer(text.encode(), np.uint8), {}, ()))
+        set_text(mesh, name, text)
     return mesh
 
 
@@ -169,11 +171,14 @@ def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids:
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonCore import vtkDataArray
 
+    from pipeline.base.vtk_files import name_components
+
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
     array.SetName(name)
     if name in ("volume_fraction", "fill"):
-        for component, liquid in enumerate(liquids):
-            array.SetComponentName(component, liquid)
+        name_components(array, liquids)
+    elif array.GetNumberOfComponents() == 3:
+        name_components(array, "XYZ")
     if units.get(name, "1") != "1":
         array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), units[name])
     return array

@@ -1,7 +1,13 @@
-"""VTK's XML files, written by Python: VTK's own file writing crashes on a full disk."""
+"""VTK's XML files, written by Python: VTK's own file writing crashes on a full disk.
+
+One convention for words: a text in the field data is an array of its UTF-8 bytes, lists have one line per entry. VTK
+has arrays of strings, but meshio refuses files with them.
+"""
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyvista
 
 
@@ -34,3 +40,26 @@ def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
         raise OSError(f"{path}: VTK could not encode the file")
     content: Any = writer.GetOutputString()  # bytes, whatever its annotation says
     Path(path).write_bytes(content)
+
+
+def set_text(data, name: str, text: str | Iterable[str]) -> None:
+    """Put a text, or a list with one line per entry, into the field data of an object of pyvista or VTK."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    lines = text if isinstance(text, str) else "\n".join(text)
+    array = numpy_to_vtk(np.frombuffer(lines.encode(), np.uint8), deep=True)
+    array.SetName(name)
+    data.GetFieldData().AddArray(array)
+
+
+def text_of(data, name: str) -> str:
+    """Return a text of the field data of an object of pyvista or VTK."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    return vtk_to_numpy(data.GetFieldData().GetArray(name)).tobytes().decode()
+
+
+def name_components(array, names: Iterable[str]) -> None:
+    """Name the components of an array of VTK."""
+    for component, name in enumerate(names):
+        array.SetComponentName(component, name)

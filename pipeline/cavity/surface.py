@@ -8,10 +8,17 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.vtk_files import write_vtk
+from pipeline.base.vtk_files import set_text, write_vtk
 from pipeline.cavity.mesh_import import import_mesh
-from pipeline.scenes.eye_shape import eye_mesh, eye_shape, published_volume
+from pipeline.cavity.regions import MESH_REGIONS, REGIONS, regions_of
+from pipeline.scenes.eye_shape import EyeShape, eye_mesh, eye_shape, published_volume
 from pipeline.scenes.model import Container, Eye, Scene
+
+
+def shape_of(eye: Eye) -> EyeShape:
+    """Lengths of a parametric eye."""
+    return eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
+                     vertical_diameter=eye.vertical_diameter)
 
 
 def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
@@ -22,8 +29,7 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
     UserError : a mesh without a path, or one that cannot be used (``pipeline.cavity.mesh_import``).
     """
     if eye.model == "parametric":
-        shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
-                          vertical_diameter=eye.vertical_diameter)
+        shape = shape_of(eye)
         mesh, published = eye_mesh(shape), published_volume(eye.axial_length)
         return mesh, {
             "model": "parametric", "lens": eye.lens, "axial_length": eye.axial_length,
@@ -57,10 +63,20 @@ def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
     }
 
 
-def write_mesh(mesh: trimesh.Trimesh, path: str | Path) -> None:
-    """Write a surface in m as VTK polydata with double precision."""
+def write_mesh(mesh: trimesh.Trimesh, path: str | Path, eye: Eye | None = None) -> None:
+    """Write a surface in m as VTK polydata with double precision.
+
+    That of an eye has a whole number per triangle, ``region``, and in the field data their names, ``regions``, of
+    which the first is that of 0.
+    """
+    surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    if eye is not None:
+        parametric = eye.model == "parametric"
+        surface.cell_data["region"] = regions_of(mesh.triangles_center, shape_of(eye) if parametric else None)
+        set_text(surface, "regions", REGIONS if parametric else MESH_REGIONS)
+        set_text(surface, "units", ("points: m",))
     with replacing(path) as temporary:
-        write_vtk(pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)), temporary)
+        write_vtk(surface, temporary)
 
 
 def read_mesh(path: str | Path) -> trimesh.Trimesh:

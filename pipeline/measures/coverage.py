@@ -12,10 +12,9 @@ import functools
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.cavity.regions import retina_parts
 from pipeline.cavity.signed_distance_grid import SignedDistance
 
-RETINA_ANGLE = np.radians(115.0)  # from the posterior pole to the ora serrata
-MACULA_RADIUS = 2.75e-3           # m, disc at the posterior pole
 LINE_REACH = 4.0                  # particle spacings: the ragged line of labels is as long as that of the exact shape
 
 
@@ -153,10 +152,7 @@ class WallContact:
         """Return the wall points of the retina and its parts, name -> (m,) bool; all empty in 2D."""
         if self.position.shape[1] == 2:
             return dict.fromkeys(("whole", "superior", "inferior", "macula"), np.zeros(len(self.position), bool))
-        x, y, z = self.position.T
-        retina = np.arccos(-z / np.linalg.norm(self.position, axis=1)) <= RETINA_ANGLE
-        return {"whole": retina, "superior": retina & (y > 0), "inferior": retina & (y < 0),
-                "macula": retina & (z < 0) & (np.hypot(x, y) <= MACULA_RADIUS)}
+        return retina_parts(self.position)
 
     def quadrant_masks(self, right_eye: bool = True) -> dict[str, np.ndarray]:
         """Return the wall points of the quadrants of the retina, name -> (m,) bool."""

@@ -41,11 +41,13 @@ class EyeShape:
     half_axes : (3,) half axes of the globe along x, y and z.
     front : height z of the plane that closes the cavity in front: ciliary body, lens equator, or iris.
     lens_pole : height z of the posterior pole of the own lens, or None without it.
+    artificial_lens : whether the front plane is an artificial lens, up to the edge of a lens.
     """
 
     half_axes: np.ndarray
     front: float
     lens_pole: float | None
+    artificial_lens: bool = False
 
     def level(self, points: np.ndarray) -> np.ndarray:
         """Function (...) of points (..., 3), negative inside the cavity; near the wall about the distance in m."""
@@ -84,7 +86,7 @@ def eye_shape(axial_length: float = REFERENCE_LENGTH, *, lens: str = "phakic",
     half_axes = np.array([0.5 * (horizontal_diameter or growth * HORIZONTAL_DIAMETER),
                           0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER), half_length])
     front = lens_pole + LENS_THICKNESS if lens == "aphakic" else lens_equator
-    return EyeShape(half_axes, front, lens_pole if lens == "phakic" else None)
+    return EyeShape(half_axes, front, lens_pole if lens == "phakic" else None, lens == "pseudophakic")
 
 
 def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":

@@ -1,11 +1,12 @@
 """Files of the reconstruct stage: surfaces as VTK poly data, the section as a VTK image."""
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.base.vtk_files import write_vtk
+from pipeline.base.vtk_files import name_components, set_text, write_vtk
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
 
@@ -32,8 +33,8 @@ def write_surface(path: Path, mesh: TriangleMesh | ContourLines, *, time: float,
     surface = to_polydata(mesh)
     surface.point_data["depth"] = depth.astype(np.float32)
     surface.field_data["time"] = [time]
-    surface.field_data["liquid"] = [liquid]
-    surface.field_data["units"] = ["points: m", "depth: m", "time: s"]
+    set_text(surface, "liquid", liquid)
+    set_text(surface, "units", ("points: m", "depth: m", "time: s"))
     write_vtk(surface, path)
 
 
@@ -92,8 +93,11 @@ def lines_of(surface) -> list[np.ndarray]:
     return lines
 
 
-def write_section(path: Path, section) -> None:
-    """Write a :class:`pipeline.surfaces.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0."""
+def write_section(path: Path, section, *, time: float, liquids: Sequence[str]) -> None:
+    """Write a :class:`pipeline.surfaces.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0.
+
+    The components of ``fraction`` and ``dominance`` carry the names of the liquids.
+    """
     import pyvista
 
     count_y, count_z = section.signed_distance.shape
@@ -102,7 +106,10 @@ def write_section(path: Path, section) -> None:
     for name in ("fraction", "dominance"):
         values = getattr(section, name)
         image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])
+        name_components(image.GetPointData().GetArray(name), liquids)
     image.point_data["signed_distance"] = section.signed_distance.ravel(order="F")
+    image.field_data["time"] = [time]
+    set_text(image, "units", ("points: m", "signed_distance: m", "time: s"))
     write_vtk(image, path)
 
 

@@ -12,6 +12,7 @@ from pipeline.base import frame_files as frames
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.progress import PlainProgress
+from pipeline.base.vtk_files import text_of
 
 
 def assert_same(one, other):
@@ -54,6 +55,8 @@ def test_meshio_and_pyvista_open_frames_with_names_and_units(tmp_path):
     assert [array.GetComponentName(i) for i in range(2)] == list(frame.liquids)
     velocity = grid.GetPointData().GetArray("velocity")
     assert velocity.GetInformation().Get(type(velocity).UNITS_LABEL()) == "m/s"
+    assert [velocity.GetComponentName(i) for i in range(3)] == ["X", "Y", "Z"]
+    assert text_of(grid, "liquids").split("\n") == list(frame.liquids)
 
 
 def test_pvd_lists_all_segments_in_time(tmp_path):

@@ -12,6 +12,7 @@ from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fract
 from pipeline import reconstruct
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.vtk_files import text_of
 from pipeline.cavity.initial_state import NAMES
 from pipeline.scenes.load import load_scene
 from pipeline.surfaces.contour import contour
@@ -209,8 +210,12 @@ def test_stage_writes_surfaces_sections_and_numbers(tmp_path, monkeypatch, start
             numbers["volume"], rel=1e-3)
         assert pyvista.read(out / f"frame_00000_silicone_oil_1000.{suffix}").n_cells == 0
     empty = pyvista.read(out / "frame_00000_silicone_oil_1000.vtp")
-    assert empty.n_cells == 0 and empty.field_data["liquid"][0] == "silicone_oil_1000"
-    assert (out / "frame_00000_section.vti").is_file()
+    assert empty.n_cells == 0 and text_of(empty, "liquid") == "silicone_oil_1000"
+    section = pyvista.read(out / "frame_00001_section.vti")
+    for name in ("fraction", "dominance"):
+        array = section.GetPointData().GetArray(name)
+        assert [array.GetComponentName(k) for k in range(2)] == ["aqueous", "silicone_oil_1000"]
+    assert section.field_data["time"][0] == 0.1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "initial.npz", "scene.json", "surfaces"]
 
 

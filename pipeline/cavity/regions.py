@@ -1,0 +1,48 @@
+"""Parts of the wall of an eye: the retina and its parts, and what closes the cavity before it.
+
+Origin in the center of the globe, x to the patient's left, y superior, z anterior.
+"""
+import numpy as np
+
+from pipeline.scenes.eye_shape import LENS_EDGE, LENS_RADIUS, EyeShape
+
+RETINA_ANGLE = np.radians(115.0)  # from the posterior pole to the ora serrata
+MACULA_RADIUS = 2.75e-3           # m, disc at the posterior pole
+REGIONS = ("retina", "macula", "pars_plana", "ciliary_body", "lens")  # the retina is that around the macula
+MESH_REGIONS = ("retina", "macula", "anterior")  # of a user's mesh, whose lens is not known
+RETINA, MACULA, PARS_PLANA, CILIARY_BODY, LENS = range(len(REGIONS))
+ANTERIOR = 2
+
+
+def retina_parts(points: np.ndarray) -> dict[str, np.ndarray]:
+    """Return which points (n, 3) of a wall belong to the retina and its parts, name -> (n,) bool."""
+    x, y, z = points.T
+    retina = np.arccos(-z / np.linalg.norm(points, axis=1)) <= RETINA_ANGLE
+    return {"whole": retina, "superior": retina & (y > 0), "inferior": retina & (y < 0),
+            "macula": retina & (z < 0) & (np.hypot(x, y) <= MACULA_RADIUS)}
+
+
+def regions_of(points: np.ndarray, shape: EyeShape | None) -> np.ndarray:
+    """Return the region of points (n, 3) of a wall: the index (n,) into ``REGIONS``.
+
+    Before the retina, of the surfaces that bound the cavity the nearest counts: the globe is the pars plana, the front
+    plane the ciliary body with the zonule, without a lens the iris and the pupil. Behind an artificial lens the plane
+    is lens up to its edge.
+
+    Parameters
+    ----------
+    shape : of a parametric eye; None of a user's mesh, whose regions are ``MESH_REGIONS``.
+    """
+    parts = retina_parts(points)
+    if shape is None:
+        front = np.full(len(points), ANTERIOR)
+    else:
+        globe = np.abs(np.linalg.norm(points / shape.half_axes, axis=1) - 1.0) * shape.half_axes.min()
+        distances = [globe, np.abs(points[:, 2] - shape.front)]
+        if shape.lens_pole is not None:
+            center = np.array([0.0, 0.0, shape.lens_pole + LENS_RADIUS])
+            distances.append(np.abs(np.linalg.norm(points - center, axis=1) - LENS_RADIUS))
+        front = PARS_PLANA + np.argmin(distances, axis=0)
+        if shape.artificial_lens:
+            front[(front == CILIARY_BODY) & (np.hypot(*points[:, :2].T) < LENS_EDGE)] = LENS
+    return np.where(parts["macula"], MACULA, np.where(parts["whole"], RETINA, front)).astype(np.int32)
