@@ -1,0 +1,114 @@
+"""The index of a run: for every saved time one VTK multi-block file that names its parts, and a list of the times.
+
+The parts are the files that the stages have written; only the interface is written here. Parts:
+``particles``; the closed surface of every liquid, under the name of the liquid; ``interface``, the surfaces of all
+liquids but the one around them, without what lies at the wall; ``wall``, the cavity with its regions; ``contact``, the
+wall with the distance up to which oil touches it, and ``section``, where there are such files.
+"""
+import dataclasses
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import find_frames
+from pipeline.base.vtk_files import set_text, write_vtk
+from pipeline.scenes.model import Scene
+from pipeline.surfaces.surface_files import read_surface, surface_path
+
+AT_WALL = 0.1  # depth in particle spacings up to which a surface lies at the wall
+
+
+@dataclasses.dataclass(frozen=True)
+class SavedFrame:
+    """The files of one saved time."""
+
+    name: str
+    time: float
+    particles: Path
+    surfaces: Path
+
+    def parts(self, scene: Scene, wall: Path) -> dict[str, Path]:
+        """Return the files by the names of the parts, without the interface."""
+        found = {"particles": self.particles}
+        found |= {liquid.name: surface_path(self.surfaces, self.name, liquid.name) for liquid in scene.liquids}
+        made = {"contact": self.surfaces / f"{self.name}_wall.vtp", "section": self.surfaces / f"{self.name}_section.vti"}
+        return found | {"wall": wall} | {name: path for name, path in made.items() if path.is_file()}
+
+
+def saved_frames(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[SavedFrame]:
+    """Return what folders of frames and folders of surfaces hold, in the order of time.
+
+    Raises
+    ------
+    UserError : a frame has no surfaces.
+    """
+    numbers = {path.stem: path for folder in surfaces for path in Path(folder).glob("frame_*.json")}
+    found = []
+    for path in sorted((path for folder in frames for path in find_frames(folder)), key=lambda path: path.stem):
+        if path.stem not in numbers:
+            raise UserError(f"{path}: has no surfaces; run the reconstruct stage on its folder first")
+        time = float(json.loads(numbers[path.stem].read_text())["time"])
+        found.append(SavedFrame(path.stem, time, path, numbers[path.stem].parent))
+    return found
+
+
+def background_of(scene: Scene) -> str | None:
+    """Return the liquid in which the others are shown: the first clear one, else the first; None where it is alone."""
+    names = [liquid.name for liquid in scene.liquids]
+    return next((liquid.name for liquid in scene.liquids if liquid.clear), names[0]) if len(names) > 1 else None
+
+
+def shown_liquids(scene: Scene) -> list[str]:
+    """Return the liquids that are shown in the other one."""
+    return [liquid.name for liquid in scene.liquids if liquid.name != background_of(scene)]
+
+
+def write_interface(path: Path, frame: SavedFrame, scene: Scene) -> None:
+    """Write the surfaces of the shown liquids of a frame, where they are deeper than at the wall, as poly data."""
+    import pyvista
+
+    depth, away, names = AT_WALL * scene.numerics.particle_spacing, [], [liquid.name for liquid in scene.liquids]
+    for liquid in shown_liquids(scene):
+        surface = read_surface(surface_path(frame.surfaces, frame.name, liquid))
+        if surface.n_points:
+            surface.clear_field_data()
+            part = surface.clip_scalar(scalars="depth", invert=False, value=depth)
+            part.cell_data["liquid"] = np.full(part.n_cells, names.index(liquid), np.int32)
+            away.append(part)
+    merged = away[0].append_polydata(*away[1:]) if away else pyvista.PolyData()
+    merged.field_data["time"] = [frame.time]
+    set_text(merged, "liquids", names)
+    set_text(merged, "units", ("points: m", "depth: m", "time: s"))
+    write_vtk(merged, path)
+
+
+def write_blocks(path: Path, parts: Mapping[str, Path], final: Path) -> None:
+    """Write a VTK multi-block file (``.vtm``) that names its parts.
+
+    Parameters
+    ----------
+    final : folder in which the file will be; the paths in it start there.
+    """
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0" byte_order="LittleEndian">',
+             "  <vtkMultiBlockDataSet>"]
+    lines += [f"    <DataSet index=\"{number}\" name={quoteattr(name)} file={quoteattr(relative(part, final))}/>"
+              for number, (name, part) in enumerate(parts.items())]
+    path.write_text("\n".join([*lines, "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]))
+
+
+def relative(path: Path, folder: Path) -> str:
+    """Path from a folder on."""
+    return os.path.relpath(path.resolve(), folder.resolve())
+
+
+def write_parts(folder: Path, final: Path, frames: Sequence[SavedFrame], scene: Scene, wall: Path) -> None:
+    """Write the interface and the list of parts of every frame into ``folder``, which will be renamed to ``final``."""
+    for frame in frames:
+        write_interface(folder / f"{frame.name}_interface.vtp", frame, scene)
+        parts = frame.parts(scene, wall) | {"interface": final / f"{frame.name}_interface.vtp"}
+        write_blocks(folder / f"{frame.name}.vtm", parts, final)
