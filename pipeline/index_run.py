@@ -10,14 +10,14 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import write_pvd
 from pipeline.exchange.paraview_view import view_script
-from pipeline.exchange.run_index import AT_WALL, relative, saved_frames, write_parts
+from pipeline.exchange.run_index import relative, saved_frames, write_parts
 from pipeline.scenes.load import load_resolved
 
 SCRIPT = "view_run.py"
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line: ``python -m pipeline.index_run scene.json eye.vtp --frames ... --surfaces ... --output run.pvd``."""
+    """Command line: ``python -m pipeline.index_run scene.json eye.vtp --frames ... --surfaces ... --output FILE``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.index_run", description=__doc__)
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("wall", type=Path, metavar="eye.vtp", help="surface of the cavity")
@@ -34,8 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
     folder, base = options.output.with_suffix(""), options.output.parent
     with replacing_folder(folder) as partial:
         write_parts(partial, folder, frames, scene, options.wall)
-    names = [*frames[-1].parts(scene, options.wall), "interface"]
-    write_text(base / SCRIPT, view_script(scene, names, AT_WALL * scene.numerics.particle_spacing, base.resolve()))
+    write_text(base / SCRIPT, view_script(scene, base.resolve(), painted=frames[-1].wall is not None))
     write_pvd(options.output, [(one.time, relative(folder / f"{one.name}.vtm", base)) for one in frames])
 
 

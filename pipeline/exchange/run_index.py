@@ -2,8 +2,8 @@
 
 The parts are the files that the stages have written; only the interface is written here. Parts:
 ``particles``; the closed surface of every liquid, under the name of the liquid; ``interface``, the surfaces of all
-liquids but the one around them, without what lies at the wall; ``wall``, the cavity with its regions; ``contact``, the
-wall with the distance up to which oil touches it, and ``section``, where there are such files.
+liquids but the one around them, without what lies at the wall; ``wall``, the cavity, of an eye with its regions and
+with what touches it; ``section``, of an eye.
 """
 import dataclasses
 import json
@@ -36,8 +36,14 @@ class SavedFrame:
         """Return the files by the names of the parts, without the interface."""
         found = {"particles": self.particles}
         found |= {liquid.name: surface_path(self.surfaces, self.name, liquid.name) for liquid in scene.liquids}
-        made = {"contact": self.surfaces / f"{self.name}_wall.vtp", "section": self.surfaces / f"{self.name}_section.vti"}
-        return found | {"wall": wall} | {name: path for name, path in made.items() if path.is_file()}
+        section = self.surfaces / f"{self.name}_section.vti"
+        return found | {"wall": self.wall or wall} | ({"section": section} if section.is_file() else {})
+
+    @property
+    def wall(self) -> Path | None:
+        """The file of the wall with what touches it; None where there is none."""
+        path = self.surfaces / f"{self.name}_wall.vtp"
+        return path if path.is_file() else None
 
 
 def saved_frames(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[SavedFrame]:

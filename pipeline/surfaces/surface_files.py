@@ -117,7 +117,7 @@ WALL_FRACTIONS = ("oil_fraction_covered", "oil_fraction_bare")
 
 
 def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.ndarray) -> None:
-    """Write the surface of the cavity (``.vtp``) with what touches it.
+    """Write the surface of the cavity (``.vtp``) with its regions and with what touches it.
 
     Parameters
     ----------
@@ -126,11 +126,12 @@ def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.n
     oil_fraction : (n, 2) volume fraction of the oil in what lies on the wall where it touches, and where not.
     """
     wall = eye.copy(deep=False)
-    wall.clear_data()
+    wall.clear_point_data()
     wall.points = eye.points.astype(np.float32)
     wall.point_data["contact_distance"] = contact_distance.astype(np.float32)
     for name, values in zip(WALL_FRACTIONS, oil_fraction.T, strict=True):
         wall.point_data[name] = values.astype(np.float32)
+    set_text(wall, "units", ("points: m", "contact_distance: m"))
     write_vtk(wall, path)
 
 
