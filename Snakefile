@@ -68,7 +68,7 @@ rule all:
         expand("outputs/{scene}/{level}/advice.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/effects.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/cost.html", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/frames/frames.pvd", scene=flow.names, level=flow.accuracy),
+        expand("outputs/{scene}/{level}/run.pvd", scene=flow.names, level=flow.accuracy),
     message:
         "all done: {input}"
 

@@ -46,8 +46,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     scene = load_resolved(options.folder / "scene.json")
     if scene.dimension == 2:
-        raise UserError(f"{options.folder}: the surfaces of a scene in two dimensions are lines, but these formats hold "
-                        "triangles")
+        raise UserError(f"{options.folder}: the surfaces of a scene in two dimensions are lines, but these formats "
+                        "hold triangles")
     frame = chosen_frame(options.folder, options.frame)
 
     from pipeline.exchange.mesh_formats import meshes_of, write_meshes

@@ -1,4 +1,4 @@
-"""Surfaces of the liquids, and the bodies that they enclose."""
+"""Surfaces of the liquids, the bodies that they enclose, and the index of all files of a run."""
 
 
 rule reconstruct:
@@ -19,6 +19,27 @@ rule reconstruct:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
         " --eye {input.eye} --threads {threads} {flow.device} 2>&1 | tee {log}"
+
+
+rule index_run:
+    input:
+        scene=SCENE,
+        eye="outputs/{scene}/{level}/eye.vtp",
+        frames=all_segments(FRAMES),
+        surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
+    output:
+        index="outputs/{scene}/{level}/run.pvd",
+        parts=directory("outputs/{scene}/{level}/run"),
+        view="outputs/{scene}/{level}/view_run.py",
+    log:
+        "outputs/{scene}/{level}/logs/index_run.log",
+    params:
+        depends=flow.depends("index_run"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: index the run for ParaView"
+    shell:
+        "python -m pipeline.index_run {input.scene} {input.eye} --frames {input.frames} --surfaces {input.surfaces}"
+        " --output {output.index} 2>&1 | tee {log}"
 
 
 rule bodies:

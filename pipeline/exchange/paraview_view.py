@@ -41,12 +41,18 @@ def half_of(source, side, name):
     return clip
 
 
+def smooth(source):
+    """A surface with normals, under whichever of its names ParaView has the filter."""
+    known = globals()
+    return (known.get("SurfaceNormals") or known["GenerateSurfaceNormals"])(Input=source, FeatureAngle=180.0)
+
+
 def new_view(direction, scale, title):
     """A white view with parallel projection toward the center, from a direction."""
     view = CreateView("RenderView")
     AssignViewToLayout(view=view, layout=layout, hint=places.pop(0))
     view.UseColorPaletteForBackground, view.Background = 0, [1.0, 1.0, 1.0]
-    view.OrientationAxesLabelColor = INK
+    view.OrientationAxesVisibility = 0
     write(view, title, "Upper Left Corner")
     cameras.append((view, direction, scale))
     return view
@@ -61,7 +67,7 @@ def aim(view, direction, scale):
 
 def write(view, text, place):
     words = Show(Text(registrationName=text, Text=text), view)
-    words.WindowLocation, words.Color, words.FontSize = place, INK, 12
+    words.WindowLocation, words.Color, words.FontSize = place, INK, 9
 
 
 def in_one_color(source, view, color, opacity=1.0):
@@ -87,9 +93,12 @@ def by_fraction(source, view, array):
 def section_view():
     """The section through the optic axis: the share of the liquids that are shown."""
     view = new_view([1.0, 0.0, 0.0], 0.62, "section, seen from the patient's left")
-    inside = beyond(part("section"), "signed_distance", 0.0, False, "cavity")
-    share = Calculator(registrationName="share", Input=inside, ResultArrayName=SCENE["words"], Function=SCENE["share"])
-    display, colors = by_fraction(share, view, SCENE["words"])
+    share = Calculator(registrationName="share", Input=part("section"), ResultArrayName=SCENE["words"],
+                       Function=SCENE["share"])
+    # A clip of an image would lose the array that has just been computed.
+    inside = Threshold(registrationName="cavity", Input=share, Scalars=["POINTS", "signed_distance"],
+                       LowerThreshold=-1.0, UpperThreshold=0.0)
+    display, colors = by_fraction(inside, view, SCENE["words"])
     display.Ambient, display.Diffuse = 1.0, 0.0
     display.SetScalarBarVisibility(view, True)
     bar = GetScalarBar(colors, view)
@@ -100,7 +109,7 @@ def section_view():
 
 def eye_views():
     """The eye opened into two halves: the wall painted by what touches it, and the interface in it."""
-    wall, interface = part("wall"), part("interface")
+    wall, interface = part("wall"), smooth(part("interface"))
     edge = Contour(registrationName="contact line", Input=wall, ContourBy=["POINTS", "contact_distance"],
                    Isosurfaces=[0.0])
     touched = {array: beyond(wall, "contact_distance", 0.0, above, name) for array, above, name in (
@@ -146,9 +155,9 @@ if SCENE["painted"]:
 else:
     places = [0]
     bodies_view()
-write(cameras[0][0], SCENE["title"], "Upper Center")
+write(cameras[0][0], SCENE["title"], "Lower Left Corner")
 clock = Show(AnnotateTimeFilter(registrationName="clock", Input=run, Format="t = {time:.2f} s"), cameras[0][0])
-clock.WindowLocation, clock.Color, clock.FontSize = "Upper Right Corner", INK, 14
+clock.WindowLocation, clock.Color, clock.FontSize = "Upper Right Corner", INK, 12
 RenderAllViews()  # which moves every camera once
 for one in cameras:
     aim(*one)

@@ -15,7 +15,7 @@ from pipeline.forecast.probe import ROUNDS, SETTLING
 from pipeline.scenes.model import Scene
 from sim.cores import available_cores
 
-SMALL_STAGES = 4  # scene, advise, index_frames and movie: little more than their start
+SMALL_STAGES = 4  # scene, advise, index_run and movie: little more than their start
 SOLVES = ("pressure", "divergence solve", "density solve", "position correction")  # parts of a scheme that go round
 
 

@@ -28,6 +28,8 @@ UNREAD = {
                     "output.second_means", *COLORS),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
                *LOOKS),
+    "index_run": ("description", "label", "start_from", "initial", "blocks", "effects", "schemes", "liquids.source",
+                  "eye.side", "output"),
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),

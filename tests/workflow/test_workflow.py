@@ -117,7 +117,7 @@ def test_simulation_depends_on_the_effects_of_its_scene_only():
 
 def test_every_stage_has_a_digest_that_ignores_the_solver_where_it_is_not_run():
     for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames",
-                  "effect_costs"):
+                  "effect_costs", "index_run"):
         used = modules_used(f"pipeline.{stage}", {"gravity"})
         assert ROOT / "pipeline" / f"{stage}.py" in used
         assert ROOT / "sim" / "solver.py" not in used, stage
@@ -147,7 +147,7 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
         return {stage for stage in digest.UNREAD
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
-    assert changed(red) == {"render"}
+    assert changed(red) == {"render", "index_run"}
     assert changed(long) == {"advise", "cost", "estimate"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
 
@@ -166,8 +166,7 @@ def finished(tmp_path_factory, can_draw):
 
 def targets(can_draw):
     """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
-    names = ["metrics.csv", "advice.html", "effects.html", "frames/frames.pvd", "surfaces/segment_000",
-             "surfaces/segment_001"]
+    names = ["metrics.csv", "advice.html", "effects.html", "run.pvd"]
     return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html"] * can_draw]
 
 
