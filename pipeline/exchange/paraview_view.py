@@ -72,7 +72,7 @@ def write(view, text, place):
 
 def in_one_color(source, view, color, opacity=1.0):
     display = Show(source, view)
-    ColorBy(display, None)
+    display.ColorArrayName = ["POINTS", ""]
     display.AmbientColor = display.DiffuseColor = color
     display.Opacity, display.Specular = opacity, 0.1
     return display
@@ -92,7 +92,7 @@ def by_fraction(source, view, array):
 
 def section_view():
     """The section through the optic axis: the share of the liquids that are shown."""
-    view = new_view([1.0, 0.0, 0.0], 0.62, "section, seen from the patient's left")
+    view = new_view([1.0, 0.0, 0.0], 0.72, "section, seen from the patient's left")
     share = Calculator(registrationName="share", Input=part("section"), ResultArrayName=SCENE["words"],
                        Function=SCENE["share"])
     # A clip of an image would lose the array that has just been computed.
@@ -104,7 +104,10 @@ def section_view():
     bar = GetScalarBar(colors, view)
     bar.Title, bar.ComponentTitle, bar.WindowLocation = SCENE["words"], "", "Lower Center"
     bar.Orientation, bar.TitleColor, bar.LabelColor = "Horizontal", INK, INK
-    bar.RangeLabelFormat = "%.0f"
+    bar.RangeLabelFormat, bar.TitleFontSize, bar.LabelFontSize = "%.0f", 9, 8
+    line = in_one_color(Contour(registrationName="interface of the section", Input=inside, Isosurfaces=[0.5],
+                                ContourBy=["POINTS", SCENE["words"]]), view, EDGE)
+    line.LineWidth, line.Position = 3.0, [0.01 * SIZE, 0.0, 0.0]
 
 
 def eye_views():

@@ -415,6 +415,7 @@ def test_all_stages_by_command_line(base, tmp_path):
     stage("metrics", "scene.json", "initial.npz", "frames", "--output", "metrics.csv", "--summary", "metrics.html",
           "--plots", "plots")
     stage("movie", "images", "--output", "movie.mp4")
+    stage("index_run", "scene.json", "eye.vtp", "--frames", "frames", "--surfaces", "surfaces", "--output", "run.pvd")
 
     frames = [read_frame(path) for path in find_frames(tmp_path / "frames")]
     assert len(frames) == 3 and frames[-1].dimension == 2
@@ -431,6 +432,9 @@ def test_all_stages_by_command_line(base, tmp_path):
     assert "wall_coverage.png" not in {path.name for path in (tmp_path / "plots").iterdir()}
     assert sorted(path.name for path in (tmp_path / "images").iterdir()) == [f"frame_{k:05d}.png" for k in range(3)]
     assert (tmp_path / "movie.mp4").stat().st_size > 1000
+    parts = pyvista.PVDReader(tmp_path / "run.pvd").read()[0]
+    assert set(parts.keys()) == {"particles", "aqueous", "silicone_oil_1000", "interface", "wall"}
+    assert parts["silicone_oil_1000"].length > 0.0 and not len(parts["interface"].faces)
 
 
 FOLDERS = ("frames", "surfaces", "images", "plots")
