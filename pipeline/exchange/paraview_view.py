@@ -129,7 +129,7 @@ def eye_views():
 def bodies_view():
     """The liquids of a container, or of a scene in two dimensions, in their colors."""
     flat = SCENE["dimension"] == 2
-    view = new_view([0.0, 0.0, 1.0] if flat else [0.55, 0.42, 1.0], 0.75, "bodies of the liquids")
+    view = new_view([0.0, 0.0, 1.0] if flat else [0.55, 0.42, 1.0], 0.5 if flat else 0.7, "bodies of the liquids")
     in_one_color(part("wall"), view, [0.4, 0.4, 0.4]).SetRepresentationType("Feature Edges" if not flat else "Surface")
     for name, color in SCENE["colors"].items():
         in_one_color(part(name), view, color, 1.0 if flat else 0.8).LineWidth = 3.0
