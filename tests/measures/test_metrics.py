@@ -3,6 +3,7 @@ import dataclasses
 import itertools
 import re
 
+import color_vision
 import numpy as np
 import pytest
 import synthetic_frames
@@ -486,22 +487,11 @@ def test_events_are_those_of_the_scene(scene, expected, monkeypatch, request):
         assert (one.begin, one.end) == pytest.approx((begin, end), abs=1e-2)
 
 
-# Severity 1 of the three kinds of color blindness, in linear RGB [machado2009].
-BLINDNESS = {
-    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
-}
-
-
-@pytest.mark.parametrize("kind", BLINDNESS)
+@pytest.mark.parametrize("kind", color_vision.KINDS)
 def test_colors_of_curves_are_told_apart_with_color_blindness(kind):
     from matplotlib.colors import to_rgb
-    from skimage.color import deltaE_ciede2000, rgb2lab
+    from skimage.color import deltaE_ciede2000
 
-    light = np.array([to_rgb(color) for color in palette.COLORS])
-    linear = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(linear @ np.array(BLINDNESS[kind]).T, 0.0, 1.0)
-    lab = rgb2lab(np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)[None])[0]
+    lab = color_vision.seen(np.array([to_rgb(color) for color in palette.COLORS]), kind)
     apart = [deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)]
     assert min(apart) > 10.0

@@ -2,6 +2,7 @@
 import dataclasses
 import itertools
 
+import color_vision
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -16,11 +17,11 @@ from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
 from pipeline.pictures.container_view import peel
-from pipeline.pictures.eye_view import INTERFACE_COLOR, EyeView
+from pipeline.pictures.eye_view import INTERFACE_COLOR, NERVE_COLOR, EyeView
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import clock
 from pipeline.pictures.paint import BARE, COLORS, COVERED
-from pipeline.pictures.section_panel import Eye, SectionPanel, posture
+from pipeline.pictures.section_panel import CHAMBER, CILIARY, CORNEA, IRIS, LENS, WALL, Eye, SectionPanel, posture
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.surfaces.liquid_surface import Reconstructor
@@ -168,6 +169,25 @@ def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_ope
     view.close()
     blue = (picture[..., 2] > picture[..., 0] + 25) & (picture.sum(axis=-1) > 250)      # neither wall nor shell
     assert blue[:250].sum() == 0 < 300 < blue[250:].sum()
+
+
+@pytest.mark.parametrize("kind", color_vision.KINDS)
+def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, opengl, kind):
+    """In every kind of color vision: what is colored is within 15 of a color of the legend or of the drawn tissue."""
+    from skimage.color import deltaE_ciede2000
+
+    marked = np.array([COLORS[0], COLORS[-1], rgb(INTERFACE_COLOR), *render.MARK_COLORS.values()]) / 255.0
+    lab = color_vision.seen(marked, kind)
+    assert min(deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)) > 15.0
+    legend = np.vstack([color_vision.seen(COLORS[::8] / 255.0, kind), lab, color_vision.seen(
+        np.array([WALL, IRIS, CILIARY, CORNEA, LENS, CHAMBER, rgb(NERVE_COLOR)]) / 255.0, kind)])
+    for pixels in draw(run_folder, tmp_path / "images"):
+        colors = np.unique(pixels[70:320].reshape(-1, 3), axis=0, return_counts=True)
+        chroma = np.hypot(*color_vision.seen(colors[0] / 255.0, "none")[:, 1:].T)
+        colored = chroma > 20.0
+        place = color_vision.seen(colors[0][colored] / 255.0, kind)
+        far = np.min([deltaE_ciede2000(place, one[None]) for one in legend], axis=0) > 15.0
+        assert colors[1][colored][far].sum() < 0.01 * colors[1][colored].sum()      # lines are blended at their edges
 
 
 def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():
