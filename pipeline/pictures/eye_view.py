@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pipeline.pictures.fundus_map import DISC_RADIUS, EQUATOR, MACULA_RADIUS, ORA, disc_direction, globe_radius
+from pipeline.cavity.regions import MACULA_RADIUS
+from pipeline.pictures.fundus_map import DISC_RADIUS, EQUATOR, ORA, disc_direction, globe_radius
 from pipeline.pictures.paint import colors_of, wall_fractions
 
 SHELL_COLOR, INTERFACE_COLOR, LANDMARK_COLOR, EDGE_COLOR = "#dfe5ec", "#8fd0ea", "#ffffff", "#19202b"

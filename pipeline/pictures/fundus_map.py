@@ -12,11 +12,12 @@ from PIL import Image, ImageDraw
 from scipy.spatial import Delaunay
 from skimage.measure import find_contours
 
+from pipeline.cavity.regions import MACULA_RADIUS, RETINA_ANGLE
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
 from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
 
-EQUATOR, ORA, PARS_PLANA = 90.0, 115.0, 135.0  # degrees from the posterior pole; the pars plana is 4 mm long
-MACULA_RADIUS = 2.75e-3                         # m
+# Degrees from the posterior pole; the pars plana is 4 mm long.
+EQUATOR, ORA, PARS_PLANA = 90.0, float(np.degrees(RETINA_ANGLE)), 135.0
 # The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
 DISC_DISTANCE, DISC_RADIUS, DISC_RISE = 4.76e-3, 0.89e-3, 7.0   # m, m, degrees above the horizontal
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
