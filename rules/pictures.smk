@@ -1,4 +1,4 @@
-"""Pictures and the movie."""
+"""Pictures, the movie, and what slides and papers want of them."""
 
 
 rule render:
@@ -9,13 +9,7 @@ rule render:
         frames=FRAMES,
         surfaces="outputs/{scene}/{level}/surfaces/segment_{segment}",
     output:
-        report(
-            directory(IMAGES),
-            patterns=["frame_{frame}.png"],
-            **SHELF,
-            caption="../docs/report/picture.rst",
-            labels={"what": "5 picture of frame {frame}"},
-        ),
+        directory(IMAGES),
     log:
         "outputs/{scene}/{level}/logs/render_{segment}.log",
     params:
@@ -30,19 +24,29 @@ rule render:
 
 rule movie:
     input:
-        all_segments(IMAGES),
+        scene=SCENE,
+        images=all_segments(IMAGES),
     output:
-        report(
+        movie=report(
             "outputs/{scene}/{level}/movie.mp4",
             **SHELF,
             caption="../docs/report/movie.rst",
             labels={"what": "1 movie"},
         ),
+        animation="outputs/{scene}/{level}/movie.gif",
+        poster="outputs/{scene}/{level}/poster.png",
+        moments=report(
+            "outputs/{scene}/{level}/moments.png",
+            **SHELF,
+            caption="../docs/report/picture.rst",
+            labels={"what": "5 pictures: eight moments"},
+        ),
     log:
         "outputs/{scene}/{level}/logs/movie.log",
     params:
-        depends=stage_digest("movie"),
+        depends=flow.depends("movie"),
     message:
         "{wildcards.scene} at {wildcards.level}: make the movie"
     shell:
-        "python -m pipeline.movie {input} --output {output} --fps 24 2>&1 | tee {log}"
+        "python -m pipeline.movie {input.images} --scene {input.scene} --output {output.movie}"
+        " --animation {output.animation} --poster {output.poster} --moments {output.moments} 2>&1 | tee {log}"

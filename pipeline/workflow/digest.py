@@ -33,6 +33,9 @@ UNREAD = {
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output"),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
+    "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
+              "liquids", "numerics", "dimension", "output.duration",
+              *(key for key in PICTURE if key != "output.second_means")),
     "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
                 *COLORS),
 }
