@@ -39,7 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise UserError(f'--accuracy is "{options.accuracy}", but {options.scene} is resolved already; name its scene '
                         "file, or leave --accuracy out")
     volume = float(load_initial(options.initial)["cavity_volume"]) if options.initial else cavity_volume(scene)
-    text = FORMATS[options.format](report_of(scene, volume))
+    report = report_of(scene, volume)
+    text = html_of(report, options.output) if options.format == "html" else FORMATS[options.format](report)
     if options.output is None:
         sys.stdout.write(text)
     else:

@@ -11,6 +11,7 @@ import dataclasses
 import fnmatch
 import io
 import math
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -261,8 +262,8 @@ def csv_of(lines: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes) -> str:
-    """Return the page, with the picture in it."""
+def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes, folder: Path) -> str:
+    """Return the page, with the picture in it and links to those of the runs, to be written into a folder."""
     heads, *lines = rows_of(runs, found)
     title = f"{runs[0].scene.title or runs[0].scene.name}: {runs[0].level} and {runs[1].level}"
     # Others are noise about zero, of which a share says nothing.
@@ -275,7 +276,8 @@ def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes) ->
             f"extent of the metric over time; of what is drawn, rows from {100 * MARKED:g} % on are marked.",
             "Times are those of the solver, whatever else the computer did."),
         page.table(heads, lines, words=[1], marked=marked),
-    ])
+    ], links={os.path.relpath(run.folder / "index.html", folder): f"run at {run.level}" for run in runs
+              if (run.folder / "index.html").is_file()})
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -295,7 +297,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with replacing(target.with_name(f"{target.name}.png")) as partial:
         partial.write_bytes(picture)
     write_text(target.with_name(f"{target.name}.csv"), csv_of(rows_of(runs, found)))
-    write_text(target.with_name(f"{target.name}.html"), page_of(runs, found, picture))
+    write_text(target.with_name(f"{target.name}.html"), page_of(runs, found, picture, target.parent))
     print(f"{runs[0].scene.name}: {in_short(runs, found)}")
 
 

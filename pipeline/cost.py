@@ -4,48 +4,24 @@ The prediction is that of `pipeline.estimate`; what a stage took it has written 
 computer did other things as well, the clock ran longer: compare the time of all cores then.
 """
 import argparse
-import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.base import page
 from pipeline.base.cli import run
-from pipeline.base.errors import UserError
 from pipeline.base.files import size_of, write_text
 from pipeline.base.tables import read_table
-from pipeline.base.usage import KINDS, read_usage
+from pipeline.base.usage import taken_by, usage_files
 from pipeline.base.words import duration, memory
+from pipeline.forecast.estimate_files import read_level
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
-
-
-def taken_by(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
-    """Return what the stages took: stage -> wall, cpu (s, sums over the segments) and memory (bytes, the largest).
-
-    Raises
-    ------
-    UserError : a file does not say so.
-    """
-    found: dict[str, dict[str, float]] = {}
-    for path in paths:
-        taken = read_usage(path)
-        sums = found.setdefault(path.name.partition(".")[0].partition("_")[0], {"wall": 0.0, "cpu": 0.0, "memory": 0.0})
-        for kind in KINDS:
-            sums[kind] += taken[kind]
-        sums["memory"] = max(sums["memory"], taken["memory"])
-    return found
-
-
-def segment_of(path: Path) -> str | None:
-    """Return the segment that a log is of; None for a stage that has none."""
-    last = path.name.partition(".")[0].rpartition("_")[2]
-    return last if last.isdecimal() else None
 
 
 def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
@@ -82,8 +58,8 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> float:
     return float(np.average(values[known], weights=weights[known])) if known.any() else math.nan
 
 
-def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]]) -> str:
-    """Return the page."""
+def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]], path: Path | None = None) -> str:
+    """Return the page, to be written to a file."""
     errors = [f"expected error, {one['quantity']}: {one['value']:.2g} {'' if one['unit'] == '1' else one['unit']} "
               f"({one['source']})" for one in level["errors"]]
     if not errors:
@@ -97,7 +73,7 @@ def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]])
             "accuracy study."),
         page.table(("what", "predicted", "real", "predicted / real"), lines),
         page.bullets(errors),
-    ], heading=title)
+    ], heading=title, path=path)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -111,19 +87,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--output", type=Path, required=True, help="page to write")
     options = p.parse_args(arguments)
     scene, folder = load_resolved(options.scene), options.scene.parent
-    try:
-        levels = json.loads(options.estimate.read_text(encoding="utf-8"))["levels"]
-        level = next(one for one in levels if one["accuracy"] == scene.accuracy)
-    except (OSError, ValueError, KeyError, TypeError, StopIteration) as error:
-        raise UserError(f"{options.estimate}: is no estimate of {scene.name} at {scene.accuracy}; make it again with "
-                        "`python -m pipeline.estimate`") from error
+    level = read_level(options.estimate, scene)
     disk = float(sum(size_of(folder / name) for name in FILES))
-    # A longer scene of before may have left logs of segments that this one does not have.
-    known = (None, *scene.segment_names)
-    logs = [path for path in sorted(options.logs.glob("*.log.json")) if segment_of(path) in known]
-    lines = compared(level, taken_by(logs), read_table(options.metrics), disk,
-                     scene.output.frame_interval)
-    write_text(options.output, page_of(scene.title or scene.name, level, lines))
+    taken = taken_by(usage_files(options.logs, scene.segment_names))
+    lines = compared(level, taken, read_table(options.metrics), disk, scene.output.frame_interval)
+    write_text(options.output, page_of(scene.title or scene.name, level, lines, options.output))
     for name, predicted, real, ratio in lines:
         print(f"{name:34s} {predicted:>10s} {real:>10s} {ratio:>6s}")
 

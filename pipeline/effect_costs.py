@@ -48,8 +48,8 @@ def absent(scene: Scene) -> list[str]:
     return [name for name in REGISTRY if name not in scene.effects]
 
 
-def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str:
-    """Return the table as a page."""
+def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict], path: Path | None = None) -> str:
+    """Return the table as a page, to be written to a file."""
     last = segments[-1]
     heads = ("part", "fields", "MiB", "kernels", "launches per step", "ms per step, all cores", "share",
              "in the loop of all effects")
@@ -73,7 +73,7 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict]) -> str
         *(page.paragraph(f"{note}.") for note in last["notes"]),
         page.paragraph("Not called for, so that nothing of them is allocated, compiled or launched: "
                        f"{', '.join(absent(scene))}."),
-    ], heading=f"{title}: what its effects cost")
+    ], heading=f"{title}: what its effects cost", path=path)
 
 
 def write_csv(path: Path, rows: Sequence[dict]) -> None:
@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scene, segments = load_resolved(options.scene), [read_costs(path) for path in options.costs]
     rows = add_up(segments)
     write_csv(options.table, rows)
-    write_text(options.page, page_of(scene, rows, segments))
+    write_text(options.page, page_of(scene, rows, segments, options.page))
 
 
 if __name__ == "__main__":

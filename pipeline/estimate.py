@@ -83,15 +83,15 @@ def text_of(found: Estimate) -> str:
     return "\n".join(lines) + "\n"
 
 
-def html_of(found: Estimate) -> str:
-    """Return the estimate as a page."""
+def html_of(found: Estimate, path: Path | None = None) -> str:
+    """Return the estimate as a page, to be written to a file."""
     columns = [dict(rows(level)) for level in found.levels]
     lines = [(name.strip(), *(column[name] for column in columns)) for name in columns[0]]
     return page.page(f"{found.title}: estimate", [
         page.paragraph(HOW),
         page.table(("", *(level.accuracy for level in found.levels)), lines),
         page.bullets([f"{level.accuracy}: {note}." for level in found.levels for note in notes(level)]),
-    ], heading=found.title)
+    ], heading=found.title, path=path)
 
 
 def json_of(found: Estimate) -> str:
@@ -152,7 +152,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = Estimate(scenes[0].name, scenes[0].title or scenes[0].name, levels)
     for path in options.output:
         suffix = path.suffix.lstrip(".")
-        write_text(path, FORMATS[options.format or (suffix if suffix in FORMATS else "text")](found))
+        chosen = options.format or (suffix if suffix in FORMATS else "text")
+        write_text(path, html_of(found, path) if chosen == "html" else FORMATS[chosen](found))
     if not options.output:
         sys.stdout.write(FORMATS[options.format or "text"](found))
 

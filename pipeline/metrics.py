@@ -21,7 +21,7 @@ from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, rotation_metrics
 from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import MIXED, Measured
-from pipeline.measures.metric import Metric, metrics_of_effect, registrar
+from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
 from pipeline.measures.plots import overview, write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
@@ -253,6 +253,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--summary", type=Path, metavar="FILE.html", help="page with one row per metric")
     parser.add_argument("--plots", type=Path, metavar="DIR",
                         help="folder for overview.png and one plot per metric that changes")
+    parser.add_argument("--meanings", type=Path, metavar="FILE.json",
+                        help="what the columns mean, for the page of a run")
     options = parser.parse_args(arguments)
     scene = load_resolved(options.scene)
     paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
@@ -264,6 +266,8 @@ def main(arguments: list[str] | None = None) -> None:
     shown = shown_metrics(table, metrics_of(scene))
     events = events_of(scene, table, float(initial["cavity_volume"]))
     title = f"{scene.title or scene.name} ({scene.accuracy})"
+    if options.meanings:
+        write_meanings(options.meanings, metrics_of(scene))
     if options.summary:
         write_summary(options.summary, shown, table, scene, overview(shown, table, events, title))
     if options.plots:

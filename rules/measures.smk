@@ -19,6 +19,7 @@ rule metrics:
             caption="../docs/report/metrics.rst",
             labels={"what": "2 metrics in short"},
         ),
+        meanings="outputs/{scene}/{level}/metrics.json",
         plots=report(
             directory("outputs/{scene}/{level}/plots"),
             patterns=["{plot}.png"],
@@ -35,7 +36,7 @@ rule metrics:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
-        " --summary {output.summary} --plots {output.plots} 2>&1 | tee {log}"
+        " --summary {output.summary} --plots {output.plots} --meanings {output.meanings} 2>&1 | tee {log}"
 
 
 rule compare:

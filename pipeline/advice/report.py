@@ -2,6 +2,7 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 
 from pipeline.advice.dimensionless_numbers import Scales, dimensionless_numbers, time_scales
 from pipeline.advice.rules import advice
@@ -92,8 +93,8 @@ def text_of(report: Report) -> str:
     return "\n".join(lines) + "\n"
 
 
-def html_of(report: Report) -> str:
-    """Return the report as a page."""
+def html_of(report: Report, path: Path | None = None) -> str:
+    """Return the report as a page, to be written to a file."""
     parts = [page.paragraph(f"Accuracy {report.accuracy}. {DISCLAIMER}")]
     for level, heading in HEADINGS.items():
         chosen = [one for one in report.advice if one.level == level]
@@ -102,7 +103,7 @@ def html_of(report: Report) -> str:
     for heading, rows in _sections(report):
         parts += [page.section(heading), page.table(("name", "number", "meaning"), rows, words=[2])]
     parts.append(page.paragraph(f"Time step {report.cost}."))
-    return page.page(f"{report.title}: advice", parts, heading=report.title)
+    return page.page(f"{report.title}: advice", parts, heading=report.title, path=path)
 
 
 def json_of(report: Report) -> str:

@@ -4,25 +4,41 @@
 <ul><li>1 &lt; 2</li><li><b>oil</b>: floats</li></ul>
 """
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
 
 from jinja2 import Environment
 from markupsafe import Markup
 
+# Pages of a run, which lie side by side in its folder: file and what a link to it says.
+RUN_PAGES = {"index.html": "this run", "metrics.html": "metrics", "advice.html": "advice", "estimate.html": "estimate",
+             "cost.html": "cost", "effects.html": "effects"}
+RUN_FILE = "scene.json"  # by which the folder of a run is known
+
 _TEMPLATES = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
 _PAGE = _TEMPLATES.from_string("""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+{{ head }}
 <title>{{ title }}</title>
 <style>
 body{font:15px sans-serif;margin:2em auto;padding:0 1em;max-width:80em;line-height:1.4}
 table{border-collapse:collapse;display:block;overflow-x:auto}
 td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}
 td:first-child,th:first-child,td.words,th.words{text-align:left}
-td.words{white-space:normal}
+td.words{white-space:normal;min-width:12em}
 tr.marked{background:#fbe9e7}
 img{max-width:100%;height:auto}
-@media print{body{margin:0;max-width:none}table{display:table}tr{break-inside:avoid}}
+nav a{margin-right:1.2em;white-space:nowrap;display:inline-block;padding:.2em 0}
+@media print{body{margin:0;max-width:none}table{display:table}tr{break-inside:avoid}nav{display:none}}
+{{ style }}
 </style></head><body>
+{% if links %}
+<nav>{% for file, text in links.items() %}<a href="{{ file }}">{{ text }}</a>
+{% endfor %}</nav>
+{# A report that holds a page has no pages beside it. #}
+<script>/^(file|https?):/.test(location.protocol)||document.querySelector("nav").remove()</script>
+{% endif %}
 <h1>{{ heading }}</h1>
 {% for part in parts %}
 {{ part }}
@@ -38,7 +54,8 @@ _TABLE = _TEMPLATES.from_string("""<table>
 </table>""")
 
 
-def page(title: str, parts: Iterable[str], heading: str = "") -> str:
+def page(title: str, parts: Iterable[str], heading: str = "", path: Path | None = None,
+         links: Mapping[str, str] = MappingProxyType({}), style: str = "", head: str = "") -> str:
     """Return a whole page.
 
     Parameters
@@ -46,8 +63,14 @@ def page(title: str, parts: Iterable[str], heading: str = "") -> str:
     title : of the window.
     parts : results of the other functions here, one below the other; empty ones are left out.
     heading : above them; the title if nothing is said.
+    path : file of the page; one in the folder of a run gets links to the other pages of that run.
+    links : further links: file, relative to the page, and what the link says.
+    style, head : what the page adds to the style and to its head, which is not escaped.
     """
-    return _PAGE.render(title=title, heading=heading or title, parts=[part for part in parts if part])
+    beside = path is not None and (path.parent / RUN_FILE).is_file()
+    links = {file: text for file, text in RUN_PAGES.items() if beside and file != path.name} | dict(links)
+    return _PAGE.render(title=title, heading=heading or title, parts=[part for part in parts if part], links=links,
+                        style=Markup(style), head=Markup(head))
 
 
 def paragraph(*sentences: str) -> Markup:
@@ -86,3 +109,8 @@ def table(heads: Sequence[object], rows: Sequence[Sequence[object]], words: Iter
 def picture(png: bytes, description: str) -> Markup:
     """Return a picture that the page holds itself."""
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(description, base64.b64encode(png).decode())
+
+
+def details(summary: str, *parts: str) -> Markup:
+    """Return parts that open on a click on their summary."""
+    return Markup("<details><summary>{}</summary>\n{}\n</details>").format(summary, Markup("\n").join(parts))

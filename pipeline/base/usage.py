@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 from pipeline.base.errors import UserError
@@ -53,6 +54,38 @@ def read_usage(path: Path) -> dict[str, float]:
         return {key: float(found[key]) for key in (*KINDS, "memory")}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path}: does not hold what a stage took ({error}); run the stage again") from error
+
+
+def usage_files(folder: Path, segments: Iterable[str]) -> list[Path]:
+    """Return the files beside the logs in a folder in which the stages of a run say what they took.
+
+    A longer scene of before may have left some of segments that this one does not have.
+    """
+    known = (None, *segments)
+    return [path for path in sorted(folder.glob("*.log.json")) if segment_of(path) in known]
+
+
+def taken_by(paths: Iterable[Path]) -> dict[str, dict[str, float]]:
+    """Return what the stages took: stage -> wall, cpu (s, sums over the segments) and memory (bytes, the largest).
+
+    Raises
+    ------
+    UserError : a file does not say so.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for path in paths:
+        taken = read_usage(path)
+        sums = found.setdefault(path.name.partition(".")[0].partition("_")[0], {"wall": 0.0, "cpu": 0.0, "memory": 0.0})
+        for kind in KINDS:
+            sums[kind] += taken[kind]
+        sums["memory"] = max(sums["memory"], taken["memory"])
+    return found
+
+
+def segment_of(path: Path) -> str | None:
+    """Return the segment that a log is of; None for a stage that has none."""
+    last = path.name.partition(".")[0].rpartition("_")[2]
+    return last if last.isdecimal() else None
 
 
 def run_stage(stage: str, *arguments: object, threads: int | None = None, quiet: bool = True) -> dict[str, float]:

@@ -1,9 +1,13 @@
 """What a metric is, and how a function becomes one."""
 import dataclasses
 import functools
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
+from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
 from pipeline.measures.frame_view import Measured
 from pipeline.scenes.effects import does, effects_that
 from pipeline.scenes.model import Scene
@@ -54,6 +58,29 @@ class Metric:
         return ((not self.of_mixture or does(scene, MIXES)) and (not self.of_eye or scene.container is None)
                 and (not self.of_rotation or bool(effects_that(scene, "turns_eye")))
                 and (self.effect is None or self.effect in scene.effects))
+
+
+def write_meanings(path: Path, metrics: Iterable[Metric]) -> None:
+    """Write what metrics mean, all but their functions, for whoever reads their table."""
+    records = [{field.name: getattr(one, field.name) for field in dataclasses.fields(Metric)
+                if field.name != "function"} for one in metrics]
+    write_text(path, json.dumps(records, indent=1, ensure_ascii=False) + "\n")
+
+
+def read_meanings(path: Path) -> list[Metric]:
+    """Read metrics that were written so; they cannot measure.
+
+    Raises
+    ------
+    UserError : the file is missing or damaged.
+    """
+    def none(state: Measured) -> Value:
+        raise TypeError(f"{path} says what was measured, not how")
+
+    try:
+        return [Metric(function=none, **record) for record in json.loads(path.read_text(encoding="utf-8"))]
+    except (OSError, ValueError, TypeError) as error:
+        raise UserError(f"{path}: cannot be read ({error}); run the metrics stage again, with --meanings") from error
 
 
 def metrics_of_effect(effect: type[Effect]) -> list[Metric]:

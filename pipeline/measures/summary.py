@@ -1,13 +1,14 @@
 """The page of the metrics in short."""
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.files import write_text
 from pipeline.measures.rest import rest_in_words
-from pipeline.measures.shown import Shown
+from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.model import Scene
 
 
@@ -20,16 +21,6 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
     shown : metrics in the order of interest.
     sheet : the plots that matter most, as PNG.
     """
-    rows, still = [], []
-    for one in shown:
-        meaning = one.metric.meaning
-        for curve in one.curves:
-            name = f"{one.name} {curve.part}".strip()
-            if one.constant:
-                still.append([name, curve.texts()[-1] or "not measured", one.unit, meaning])
-            else:
-                rows.append([name, *curve.texts(), one.unit, meaning])
-            meaning = ""
     title = scene.title or scene.name
     write_text(path, page.page(f"{title}: metrics", [
         page.paragraph(scene.description),
@@ -39,8 +30,27 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
         page.picture(sheet, f"{title}: the metrics that matter most over time"),
         page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "
                        "the contact line, as are the bands in the plots."),
-        page.table(("metric", "start", "end", "smallest", "largest", "unit", "meaning"), rows, words=[5, 6]),
-        *([page.section("Constant"),
-           page.paragraph("Within the digits shown these do not change, and have no plot."),
-           page.table(("metric", "value", "unit", "meaning"), still, words=[2, 3])] if still else []),
-    ], heading=title))
+        changing(shown),
+        *([page.section("Constant"), page.paragraph("Within the digits shown these do not change, and have no plot."),
+           constant(shown)] if any(one.constant for one in shown) else []),
+    ], heading=title, path=path))
+
+
+def changing(shown: Sequence[Shown]) -> Markup:
+    """Return the table of the metrics that change, one row per column."""
+    rows = [[name, *curve.texts(), unit, meaning] for name, curve, unit, meaning in _curves(shown, constant=False)]
+    return page.table(("metric", "start", "end", "smallest", "largest", "unit", "meaning"), rows, words=[5, 6])
+
+
+def constant(shown: Sequence[Shown]) -> Markup:
+    """Return the table of those that do not."""
+    rows = [[name, curve.texts()[-1] or "not measured", unit, meaning]
+            for name, curve, unit, meaning in _curves(shown, constant=True)]
+    return page.table(("metric", "value", "unit", "meaning"), rows, words=[2, 3])
+
+
+def _curves(shown: Sequence[Shown], constant: bool) -> Iterator[tuple[str, Curve, str, str]]:
+    """Yield name, curve, unit and meaning, told once, of the metrics that are constant or of the others."""
+    for one in shown:
+        for number, curve in enumerate(one.curves if one.constant == constant else ()):
+            yield f"{one.name} {curve.part}".strip(), curve, one.unit, "" if number else one.metric.meaning

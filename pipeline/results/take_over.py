@@ -22,7 +22,7 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.tables import read_table
-from pipeline.cost import taken_by
+from pipeline.base.usage import taken_by
 from pipeline.results.tables import Layout, Page, Row
 from pipeline.scenes.units import parse_quantity
 
