@@ -1,7 +1,7 @@
 """From a scene file to frames, surfaces, pictures, a movie and a report.
 
     snakemake -j2 all                                       the scenes of config/config.yaml at its accuracy level
-    snakemake -j2 outputs/<scene>/<level>/movie.mp4         any scene of config/scenes at any level
+    snakemake -j2 outputs/<scene>/<level>/index.html        any scene of config/scenes at any level, on one page
     snakemake -j2 validation                                a study of config/studies: table, figures, page
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
     snakemake -j2 outputs/<scene>/compare_draft_standard.html   what the finer level changes
@@ -57,12 +57,17 @@ onstart:
     flow.prepare_outputs()
 
 
+onsuccess:
+    flow.tell_pages()
+
+
 onerror:
     flow.repeat_errors()
 
 
 rule all:
     input:
+        expand("outputs/{scene}/{level}/index.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/movie.mp4", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/metrics.csv", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/advice.html", scene=flow.names, level=flow.accuracy),
@@ -79,5 +84,6 @@ include: "rules/simulation.smk"
 include: "rules/surfaces.smk"
 include: "rules/pictures.smk"
 include: "rules/measures.smk"
+include: "rules/pages.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"

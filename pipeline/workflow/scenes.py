@@ -183,6 +183,24 @@ class Workflow:
 
         return hashlib.sha256(errors_file().read_bytes()).hexdigest()[:16]
 
+    @staticmethod
+    def page_texts(wildcards) -> str:
+        """Return a parameter that changes with the texts of a page that are no Python: scripts and scene file."""
+        from pipeline.base.digest import ROOT
+
+        texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
+        texts.append(SCENES / f"{wildcards.scene}.yaml")
+        return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(texts))).hexdigest()[:16]
+
+    def tell_pages(self) -> None:
+        """Print where the page and the pictures of every scene of this run are, as far as they have been made."""
+        for name, level in self._scenes:
+            folder = OUTPUTS / name / level
+            made = [f"{what} {folder / file}" for what, file in (
+                ("page", "index.html"), ("movie", "movie.mp4"), ("pictures", "images")) if (folder / file).exists()]
+            if made:
+                print(f"{name} at {level}: {', '.join(made)}", flush=True)
+
     def prepare_outputs(self) -> None:
         """Hold the folder of outputs for this run and bring the resolved scenes in it up to date.
 

@@ -161,13 +161,16 @@ def finished(tmp_path_factory, can_draw):
     code, output = project.snakemake(*targets(can_draw))
     assert code == 0, output
     assert TRACE not in output
+    last = [line for line in output.splitlines() if line.startswith("tiny at draft: page")]
+    assert last == ["tiny at draft: page outputs/tiny/draft/index.html, movie outputs/tiny/draft/movie.mp4, pictures "
+                    "outputs/tiny/draft/images"] * can_draw
     return project
 
 
 def targets(can_draw):
     """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
     names = ["metrics.csv", "advice.html", "effects.html", "run.pvd"]
-    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html"] * can_draw]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html"] * can_draw]
 
 
 def test_tiny_scene_makes_everything(finished, can_draw):
@@ -207,7 +210,7 @@ def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
     assert code == 0, output
     plan = planned(output)
     assert plan["simulate"] == plan["reconstruct"] == plan["eye"] == plan["metrics"] == 0
-    assert plan["render"] == 2 * can_draw
+    assert plan["render"] == 2 * can_draw and plan["page"] == can_draw
 
 
 def test_longer_scene_keeps_what_it_has(finished):
@@ -254,6 +257,8 @@ def test_report_is_one_page(finished, can_draw):
     assert code == 0, output
     page = (finished.folder / "report.html").read_text()
     assert "metrics in short" in page and "wall_coverage" in page
+    if can_draw:  # the frames are one picture, not one each
+        assert "all on one page" in page and "eight moments" in page and "picture of frame" not in page
 
 
 def test_killed_run_goes_on_to_the_same_frames(finished, project):

@@ -1,0 +1,63 @@
+"""Stage: after a run, one page of it: numbers, movie, pictures, surfaces that turn, curves, what was simulated and how.
+
+    python -m pipeline.page outputs/tamponade/draft --output outputs/tamponade/draft/index.html
+
+The page holds all that it shows, in 10 MB at most, and asks no network for anything. Links lead to the pages beside it.
+"""
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.advice.report import report_of
+from pipeline.base.cli import run
+from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
+from pipeline.measures.events import events_of
+from pipeline.measures.shown import shown_metrics
+from pipeline.pages.run_folder import read_run
+from pipeline.pages.run_page import page_of
+from pipeline.scenes.yaml_files import read_yaml
+
+SCENES = Path("config/scenes")
+
+
+def scene_files(path: Path) -> dict[str, str]:
+    """Return a scene file and those that it extends, name -> text.
+
+    Raises
+    ------
+    UserError : one is missing.
+    """
+    found: dict[str, str] = {}
+    while path.name not in found:
+        if not path.is_file():
+            raise UserError(f"{path}: no such file; name the file of the scene with --source")
+        found[path.name] = path.read_text(encoding="utf-8")
+        extended = read_yaml(path).get("extends")
+        if extended is None:
+            break
+        path = path.with_name(f"{extended}.yaml")
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.page", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("folder", type=Path, metavar="FOLDER", help="results of a run: outputs/<scene>/<level>")
+    p.add_argument("--source", type=Path, metavar="SCENE.yaml", help="file of the scene (default: that of its name in "
+                                                                     f"{SCENES})")
+    p.add_argument("--output", type=Path, metavar="index.html", help="page to write (default: index.html in FOLDER)")
+    options = p.parse_args(arguments)
+    found = read_run(options.folder)
+    source = options.source or SCENES / f"{found.scene.name}.yaml"
+    sources, output = scene_files(source), options.output or options.folder / "index.html"
+    text = page_of(found, shown=shown_metrics(found.table, found.metrics),
+                   advice=report_of(found.scene, found.cavity_volume),
+                   events=events_of(found.scene, found.table, found.cavity_volume), sources=sources, path=output)
+    write_text(output, text)
+    print(f"{output}: {len(text.encode()) / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    run(main)

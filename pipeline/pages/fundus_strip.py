@@ -1,0 +1,26 @@
+"""Maps of the fundus at moments of a run, side by side."""
+from collections.abc import Iterator
+
+import numpy as np
+from PIL import Image
+
+from pipeline.pages.run_folder import Run
+from pipeline.pages.scrubber import data_url, webp
+from pipeline.pictures.fundus_map import FundusMap
+from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
+from pipeline.pictures.moments import evenly_chosen
+
+MOMENTS = 6
+SIZE = 300  # pixels
+
+
+def fundus_strip(run: Run) -> Iterator[tuple[str, str]]:
+    """Yield time in words and map as a data URL."""
+    scene, maps = run.scene, None
+    for path in evenly_chosen(run.pictures, MOMENTS):
+        wall = run.wall_of(path)
+        if maps is None:
+            maps = FundusMap(np.asarray(wall.points, float), (OVERSAMPLING * SIZE, OVERSAMPLING * SIZE),
+                             right_eye=scene.eye.side == "right", captions=False)
+        drawn: Image.Image = maps.draw(wall, uncertain=0.5 * scene.numerics.particle_spacing)
+        yield clock(run.time_of(path), scene.output.second_means), data_url(webp(reduce(drawn)), "image/webp")

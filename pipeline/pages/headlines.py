@@ -1,0 +1,62 @@
+"""The few numbers of a run that people ask for first, and how sure they are."""
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.measures.metric import LAST
+from pipeline.measures.shown import Curve, Shown
+
+# Of an eye: metric, part, and what it is.
+OF_EYE = (("retina_coverage", "whole", "of the retina is under oil"),
+          ("retina_coverage", "inferior", "of its inferior half"), ("retina_coverage", "macula", "of the macula"),
+          ("emulsion", "whole", "of emulsion"))
+IN_PLANE = (("wall_coverage", "", "of the wall is under oil"), ("contact_arc", "", "of the wall under oil, as an arc"))
+MOST = 4
+
+
+@dataclasses.dataclass(frozen=True)
+class Headline:
+    """A number in words, what it is, and whether its uncertainty is known."""
+
+    number: str
+    meaning: str
+    sure: bool
+
+
+def headlines(shown: Sequence[Shown], of_eye: bool) -> list[Headline]:
+    """Return the first numbers of a run, at its end.
+
+    Parameters
+    ----------
+    shown : metrics in the order of interest.
+    of_eye : whether the scene is one of an eye; else the first of what changes is told.
+    """
+    if of_eye:
+        return _named(shown, OF_EYE) or _named(shown, IN_PLANE)
+    effects_first = sorted(shown, key=lambda one: one.metric.effect is None)
+    chosen = [(one, curve) for one in effects_first if one.metric.place < LAST for curve in one.curves
+              if not curve.constant and np.isfinite(curve.values[-1])]
+    return [_headline(one, curve, f"{one.name} {curve.part}".strip()) for one, curve in chosen[:MOST]]
+
+
+def _named(shown: Sequence[Shown], wanted: Sequence[tuple[str, str, str]]) -> list[Headline]:
+    known = {(one.metric.name, curve.part): (one, curve) for one in shown for curve in one.curves}
+    found = [(*known[name, part], meaning) for name, part, meaning in wanted if (name, part) in known]
+    return [_headline(*one) for one in found if np.isfinite(one[1].values[-1])]
+
+
+def _headline(one: Shown, curve: Curve, meaning: str) -> Headline:
+    number, half = float(curve.values[-1]), float(curve.uncertainty[-1])
+    sure = bool(np.isfinite(half))
+    return Headline(f"{with_uncertainty(number, half) if sure else curve.text(-1)} {one.unit}".strip(), meaning, sure)
+
+
+def with_uncertainty(number: float, half: float) -> str:
+    """Return a number with what it is uncertain by, as whole numbers where that is one or more.
+
+    >>> with_uncertainty(42.461, 15.51), with_uncertainty(99.93, 0.25), with_uncertainty(100.0, 0.0)
+    ('42 ± 16', '99.9 ± 0.3', '100 ± 0')
+    """
+    digits = 1 if 0.0 < half < 1.0 else 0
+    return f"{number:.{digits}f} ± {half:.{digits}f}"

@@ -1,0 +1,38 @@
+"""The pictures of a run, small enough for a page."""
+import base64
+import io
+
+from PIL import Image
+
+from pipeline.pages.run_folder import Run
+from pipeline.pictures.marks import clock
+from pipeline.pictures.moments import evenly_chosen, read_picture, scaled
+
+MOST_PICTURES = 120
+MOST_BYTES = 2_500_000
+WIDTHS = (800, 640, 480, 320)
+QUALITY = 80  # of WebP, percent
+
+
+def pictures_over_time(run: Run) -> list[tuple[str, str]]:
+    """Return time in words and picture as a data URL, for all frames or for some of them at equal times."""
+    chosen = evenly_chosen(run.pictures, min(MOST_PICTURES, len(run.pictures)))
+    pictures = [read_picture(path) for path in chosen]
+    for width in WIDTHS:
+        files = [webp(scaled(picture, width)) for picture in pictures]
+        if sum(map(len, files)) <= MOST_BYTES:
+            break
+    times = (clock(run.time_of(path), run.scene.output.second_means) for path in chosen)
+    return [(time, data_url(file, "image/webp")) for time, file in zip(times, files, strict=True)]
+
+
+def webp(picture: Image.Image) -> bytes:
+    """Return a picture as the bytes of a WebP file."""
+    file = io.BytesIO()
+    picture.save(file, "WEBP", quality=QUALITY)
+    return file.getvalue()
+
+
+def data_url(file: bytes, kind: str) -> str:
+    """Return a file as an address that holds it; kind is its media type."""
+    return f"data:{kind};base64,{base64.b64encode(file).decode()}"

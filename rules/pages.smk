@@ -1,0 +1,35 @@
+"""One page of every run."""
+
+
+rule page:
+    input:
+        scene=SCENE,
+        source=ancient("config/scenes/{scene}.yaml"),
+        initial="outputs/{scene}/{level}/initial.npz",
+        eye="outputs/{scene}/{level}/eye.vtp",
+        surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
+        images=all_segments(IMAGES),
+        movie="outputs/{scene}/{level}/movie.mp4",
+        metrics="outputs/{scene}/{level}/metrics.csv",
+        meanings="outputs/{scene}/{level}/metrics.json",
+        index="outputs/{scene}/{level}/run.pvd",
+        costs=all_segments("outputs/{scene}/{level}/costs/segment_{segment}.json"),
+        estimate="outputs/{scene}/{level}/estimate.json",
+        linked=expand("outputs/{{scene}}/{{level}}/{page}.html", page=["advice", "cost", "effects"]),
+    output:
+        report(
+            "outputs/{scene}/{level}/index.html",
+            **SHELF,
+            caption="../docs/report/page.rst",
+            labels={"what": "0 all on one page"},
+        ),
+    log:
+        "outputs/{scene}/{level}/logs/page.log",
+    params:
+        depends=flow.depends("page"),
+        texts=flow.page_texts,
+    message:
+        "{wildcards.scene} at {wildcards.level}: make the page"
+    shell:
+        "python -m pipeline.page outputs/{wildcards.scene}/{wildcards.level} --source {input.source}"
+        " --output {output} 2>&1 | tee {log}"

@@ -1,0 +1,167 @@
+"""The page of a run holds what it shows, asks no network for anything, and works in a browser."""
+import dataclasses
+import json
+import re
+
+import headless_browser
+import numpy as np
+import pytest
+from conftest import ROOT
+from PIL import Image
+from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
+
+from pipeline import metrics, movie, page
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.page import RUN_PAGES
+from pipeline.pages.headlines import headlines
+from pipeline.pages.movie_copy import movie_within
+from pipeline.reconstruct import Wall, write_surfaces
+from pipeline.scenes.load import load_scene
+from pipeline.surfaces.liquid_surface import Reconstructor
+
+FRAMES = 5
+TITLE = 'Oil <b>& "water"</b></script>'
+WIDTHS = (1400, 390)
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory, taichi):
+    """Return the folder of a run whose oil floats, made without a simulation."""
+    import pyvista
+
+    folder = tmp_path_factory.mktemp("outputs") / "tiny" / "draft"
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    scene = dataclasses.replace(
+        scene, title=TITLE, numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
+        output=dataclasses.replace(scene.output, frames_per_segment=FRAMES))
+    folder.mkdir(parents=True)
+    (folder / "scene.json").write_text(scene.to_json())
+    np.savez(folder / "initial.npz", **ball())
+    eye = pyvista.Icosphere(radius=RADIUS, nsub=3)
+    eye.save(folder / "eye.vtp")
+    frames, images, surfaces = (folder / name / "segment_000" for name in ("frames", "images", "surfaces"))
+    images.mkdir(parents=True)
+    surfaces.mkdir(parents=True)
+    position, reconstructor, wall = lattice(), Reconstructor(ball(), 2), Wall(scene, ball(), eye)
+    for index in range(FRAMES):
+        time = index * scene.output.frame_interval
+        frame = frame_of(position, oil_fraction(position, height=5e-3 - 1e-3 * index), time=time)
+        frame = dataclasses.replace(frame, statistics={"time_step": 1e-3, "pressure_iterations": 7.0 + index})
+        path = frame_path(frames, index)
+        write_frame(path, frame)
+        write_surfaces(surfaces, path, frame, reconstructor, wall=wall)
+        Image.new("RGB", (320, 180), (50 * index, 100, 200)).save(images / f"frame_{index:05d}.png")
+    metrics.main([str(folder / "scene.json"), str(folder / "initial.npz"), str(frames), "--output",
+                  str(folder / "metrics.csv"), "--meanings", str(folder / "metrics.json")])
+    movie.main([str(images), "--scene", str(folder / "scene.json"), "--output", str(folder / "movie.mp4"), "--poster",
+                str(folder / "poster.png")])
+    write_costs(folder)
+    return folder
+
+
+def write_costs(folder):
+    """Write what the simulation, the stages and the estimate say of a run."""
+    for name in ("costs", "logs"):
+        (folder / name).mkdir()
+    (folder / "costs" / "segment_000.json").write_text(json.dumps({"steps": 200, "particles": 3216, "device": "cpu"}))
+    (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
+    error = {"quantity": "laplace: pressure jump", "value": 0.004, "unit": "1", "source": "a table"}
+    (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [error]}]}))
+
+
+@pytest.fixture(scope="module")
+def index(run_folder):
+    """Return the page of that run."""
+    page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tiny.yaml")])
+    return run_folder / "index.html"
+
+
+def test_page_holds_all_that_it_shows(index):
+    text = index.read_text()
+    assert len(text.encode()) < 10e6
+    shown = re.findall(r'<(?:img|video|script|source|iframe|link)\b[^>]*?\b(?:src|href|poster)="([^"]{0,40})', text)
+    assert len(shown) > 5 and all(address.startswith("data:") for address in shown)
+    assert "default-src 'none'" in text and not re.search(r'url\(["\']?http', text)
+    links = set(re.findall(r'<a href="([^"]*)"', text))
+    assert links >= RUN_PAGES.keys() - {"index.html"} and not any(":" in link for link in links)
+
+
+def test_page_says_first_what_people_ask_for(index):
+    text = index.read_text()
+    numbers = re.findall(r"<li><b>([^<]*)</b>([^<]*)", text[text.index('class="numbers"'):text.index("<video")])
+    assert [meaning for _, meaning in numbers] == [
+        "of the retina is under oil", "of its inferior half", "of the macula"]
+    assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, _ in numbers)
+    places = [text.index(words) for words in (
+        "of the retina is under oil", "<video", 'type="range"', "<canvas", "Fundus over time", "<h2>Over time",
+        "retina coverage whole</td>", "Numbers of the computation</summary>", "pressure iterations</td>",
+        "What was simulated", "left out, and why", "laplace: pressure jump", "Versions", "tiny.yaml</summary>",
+        "extends: tamponade", "tamponade.yaml</summary>")]
+    assert places == sorted(places)
+    assert "0.025 × real time" in text
+
+
+def test_titles_are_text(index):
+    text = index.read_text()
+    assert "<h1>Oil &lt;b&gt;&amp; &#34;water&#34;&lt;/b&gt;&lt;/script&gt;</h1>" in text and "Oil <b>" not in text
+
+
+def test_what_is_missing_is_a_sentence(run_folder, tmp_path):
+    with pytest.raises(UserError, match=r"nowhere.yaml: no such file; name the file of the scene with --source"):
+        page.main([str(run_folder), "--source", str(tmp_path / "nowhere.yaml")])
+    with pytest.raises(UserError, match=r"scene.json: no such file"):
+        page.main([str(tmp_path)])
+
+
+def test_a_scene_without_an_eye_tells_what_changes():
+    from pipeline.measures.metric import Metric
+    from pipeline.measures.shown import shown_metrics
+
+    known = [Metric("speed", "mm/s", "", None, place=2), Metric("still", "1", "", None, place=1),
+             Metric("rate", "1", "", None, place=3, effect="some"), Metric("steps", "1", "", None)]
+    table = {"speed_rms [mm/s]": np.array([0.0, 12.34]), "still [1]": np.ones(2), "rate [1]": np.array([1.0, 2.5]),
+             "steps [1]": np.array([1.0, 2.0])}
+    found = headlines(shown_metrics(table, known), of_eye=False)
+    assert [(one.number, one.meaning) for one in found] == [("2.50", "rate"), ("12.3 mm/s", "speed rms")]
+
+
+def test_a_large_movie_is_made_smaller(tmp_path):
+    random = np.random.default_rng(0)
+    for number in range(6):
+        Image.fromarray(random.integers(0, 255, (180, 320, 3), np.uint8)).save(tmp_path / f"frame_{number:05d}.png")
+    output = tmp_path / "movie.mp4"
+    movie.main([str(tmp_path), "--output", str(output), "--fps", "2"])
+    whole = output.stat().st_size
+    assert movie_within(output, whole) == output.read_bytes()
+    assert 0 < len(movie_within(output, whole // 2)) <= whole // 2
+
+
+def test_page_works_in_a_browser(index, tmp_path):
+    path = headless_browser.find_browser()
+    if path is None:
+        pytest.skip("no Chromium on this machine")
+    browser = headless_browser.Browser(path, tmp_path / "profile")
+    try:
+        for width in WIDTHS:
+            browser.open(index, width)
+            assert browser.run("document.documentElement.scrollWidth") <= width, "it scrolls sideways"
+        assert browser.run("document.querySelectorAll('img').length && [...document.images].every(one => "
+                           "one.complete && one.naturalWidth > 0)")
+        played = """(async () => { const video = document.querySelector("video"); await video.play();
+            await new Promise(done => video.addEventListener("timeupdate", done)); return video.duration; })()"""
+        assert browser.run(played) > 8.0
+        moved = """(number => { const root = document.querySelector(".scrubber"), slider = root.querySelector("input");
+            slider.value = number; slider.dispatchEvent(new Event("input"));
+            return [root.querySelector("img").src, root.querySelector("output").textContent]; })"""
+        (first, start), (last, end) = (browser.run(f"{moved}({number})") for number in (0, FRAMES - 1))
+        assert first != last and (start, end) == ("t = 0.00 s", "t = 0.20 s")
+        views = [browser.run("document.querySelector('canvas').toDataURL()")]
+        assert "WebGL" not in browser.run("document.querySelector('.hint').textContent")
+        for right, down in ((40, 0), (0, 40)):
+            browser.drag("canvas", right, down)
+            views.append(browser.run("document.querySelector('canvas').toDataURL()"))
+        assert len(set(views)) == 3 and len(views[0]) > 5000
+        assert browser.requests() == [] and browser.errors() == []
+    finally:
+        browser.close()
