@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pipeline.measures.events import Event
+from pipeline.measures.metric import LAST
 from pipeline.measures.plots import draw, drawn_metrics
 from pipeline.measures.shown import Shown
 
@@ -23,7 +24,8 @@ def curves(shown: Sequence[Shown], time: np.ndarray, events: Sequence[Event]) ->
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    for one in drawn_metrics(shown)[:MOST]:
+    asked_for = [one for one in drawn_metrics(shown) if one.metric.place < LAST]
+    for one in asked_for[:MOST]:
         with matplotlib.rc_context({"svg.hashsalt": one.name, "font.size": 9}):
             figure = Figure(figsize=SIZE, layout="constrained")
             axes = FigureCanvasSVG(figure).figure.subplots()

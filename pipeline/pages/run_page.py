@@ -84,7 +84,8 @@ def _numbers(run: Run, shown: Sequence[Shown]) -> Markup:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
     rest = rest_in_words(run.table)
     return Markup('<ul class="numbers">{}</ul>{}').format(
-        items, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "", ILLUSTRATION))
+        items, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",
+                              ILLUSTRATION if run.scene.container is None else ""))
 
 
 def _movie(run: Run) -> Markup:
