@@ -56,7 +56,9 @@ def with_uncertainty(number: float, half: float) -> str:
     """Return a number with what it is uncertain by, as whole numbers where that is one or more.
 
     >>> with_uncertainty(42.461, 15.51), with_uncertainty(99.93, 0.28), with_uncertainty(100.0, 0.0)
-    ('42 ± 16', '99.9 ± 0.3', '100 ± 0')
+    ('42 ± 16', '99.9 ± 0.3', '100')
     """
-    digits = 1 if 0.0 < half < 1.0 else 0
+    if not half > 0.0:
+        return f"{number:.0f}"
+    digits = 1 if half < 1.0 else 0
     return f"{number:.{digits}f} ± {half:.{digits}f}"
