@@ -13,6 +13,7 @@ for other eyes the shapes are computed, some seconds for each oil and posture, a
 This is an illustration of physics, not for decisions on a patient.
 """
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ from pipeline.planning.search import CACHE, Question, Tables, answers, write_map
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import LENSES, MESH_UNITS, Eye, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
+from sim.parameters import parameter
 
 SIDES = ("right", "left")
 
@@ -107,3 +109,28 @@ def _chosen(option: str, words: str | None, allowed: Sequence[str]) -> tuple[str
         if name not in allowed:
             raise UserError(f'{option}: "{name}" is not known{nearest(name, allowed)}; known are {", ".join(allowed)}')
     return names
+
+
+@dataclasses.dataclass(frozen=True)
+class Margin:
+    """How far the oil must reach beyond a break."""
+
+    margin: float = parameter(unit="m", minimum=0.0, maximum=0.01, meaning="reach of the oil beyond the break")
+
+
+def _eye(options: argparse.Namespace) -> Eye:
+    if options.mesh is None:
+        return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens})
+    return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit})
+
+
+def _record(kind: type, values: dict[str, object], base: object = None):
+    """Read options as a scene's values are read."""
+    errors = Errors("options")
+    record = Reader(errors).record(kind, values, (), base)
+    errors.raise_any()
+    return record
+
+
+if __name__ == "__main__":
+    run(main)

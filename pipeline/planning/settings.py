@@ -53,6 +53,11 @@ def load_settings(config: Path = PROJECT_CONFIG) -> tuple[Settings, dict[str, Ma
 @functools.cache
 def postures() -> dict[str, np.ndarray]:
     """Postures by name, and the direction (3,) of gravity in the eye in each."""
-    weight = next(effect for effect in REGISTRY.values() if WEIGHS in effect.does)
+    weight = REGISTRY[weight_name()]
     field = next(field for field in dataclasses.fields(weight.Parameters) if field.name == "posture")
     return {name: weight.down_at_start(weight.Parameters(posture=name)) for name in field.metadata["choices"]}
+
+
+def weight_name() -> str:
+    """Return the name of the effect that knows postures."""
+    return next(name for name, effect in REGISTRY.items() if WEIGHS in effect.does)

@@ -1,0 +1,33 @@
+"""A scene that confirms an answer by one simulation: the oil comes to rest from a level start."""
+from pathlib import Path
+
+import yaml
+
+from pipeline.planning.search import Answer, Question
+from pipeline.planning.settings import weight_name
+from pipeline.scenes.model import Eye
+
+
+def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: str) -> str:
+    """Return the scene file of an answer.
+
+    Parameters
+    ----------
+    starts_from : scene that it extends: level liquids in an eye, with weight, tension and contact angle.
+    """
+    fill, oil = min(answer.fill, question.largest_fill), answer.oils[0]
+    cavity: dict[str, object] = {"model": eye.model}
+    if eye.model == "mesh":
+        cavity |= {"path": str(Path(eye.path or "").resolve()), "unit": eye.unit}
+    else:
+        cavity |= {"axial_length": f"{1e3 * eye.axial_length:g} mm", "lens": eye.lens}
+    scene = {
+        "extends": starts_from,
+        "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
+        "description": "Confirms a plan: does the oil at rest touch the break?",
+        "liquids": [question.other.name, oil],
+        "eye": cavity,
+        "initial": {"fill": {oil: round(fill, 4), question.other.name: round(1.0 - fill, 4)}},
+        "effects": {weight_name(): {"posture": answer.posture}},
+    }
+    return "# yaml-language-server: $schema=../schema.json\n" + yaml.safe_dump(scene, sort_keys=False, width=120)
