@@ -87,7 +87,8 @@ def assumptions(question: Question, eye: Eye, side: str) -> list[str]:
         f"degrees through {question.other.name}, which wets the rest of the wall. Only densities, tension, angle and "
         f"shape matter; viscosity does not.",
         f"The range of a fill is that for {angles} degrees, and {100 * FILL_ERROR:g} points for the error of the shapes. "
-        f"Where two shapes are at rest, as after filling and after taking out, both must cover.",
+        f"Where two shapes are at rest, as after filling in and after taking out, the one with less energy counts, and "
+        f"the range holds both.",
         f"Fills above {percent(question.largest_fill)} are taken as not got in. The retina is attached, the head rests, "
         f"and the oil is one body.",
     ]

@@ -1,7 +1,7 @@
 """At which fill oil touches which part of the retina: one table for an eye, an oil and a posture, and its files.
 
 Oil comes to rest at every fill of ``FILLS`` twice: going up, as when it is filled in, and going down, as when it is
-taken out. Where two shapes are at rest, a point counts as touched if both touch it.
+taken out. Where these are two shapes, the one with less energy counts; with the other the answers are less certain.
 Equations: docs/methods/equilibrium.md.
 """
 import csv
@@ -23,7 +23,7 @@ FILLS = (0.5, 0.6, 0.7, 0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.92, 0.94, 0.96, 0.
 MERIDIANS, LATITUDES = np.arange(0.0, 360.0, 15.0), np.append(np.arange(0.0, ORA, 5.0), ORA)
 SHARES = ("wall", "retina", "superior", "inferior", "macula")
 FARTHEST = 4e-3     # m: farther from the contact line distances say nothing on when it comes
-TOUCH, COVERED = "touch.csv", "shares.csv"
+TOUCH, TOUCH_BY_BOTH, COVERED = "touch.csv", "touch_by_both.csv", "shares.csv"
 KEYS = ("density_difference [kg/m3]", "tension [mN/m]", "contact_angle [deg]", "posture")
 Key = tuple[str, str, str, str]
 
@@ -36,14 +36,17 @@ class Touch:
     ----------
     needed : (latitudes, meridians), smallest fill from which on a point of the retina is touched; the least of
         ``FILLS`` where it is touched at that already, and 1 where it is not even at the largest.
-    shares : (fills, names of ``SHARES``), covered shares; where two shapes are at rest, the smaller ones.
+    needed_by_both : the same, where two shapes are at rest and both must touch.
+    shares : (fills, names of ``SHARES``), covered shares.
     """
 
     needed: np.ndarray
+    needed_by_both: np.ndarray
     shares: np.ndarray
 
-    def fill_for(self, meridian: np.ndarray, latitude: np.ndarray) -> float:
+    def fill_for(self, meridian: np.ndarray, latitude: np.ndarray, by_both: bool = False) -> float:
         """Return the smallest fill that touches all points of meridians and latitudes (k,) in degrees."""
+        needed = self.needed_by_both if by_both else self.needed
         around = (meridian % 360.0) / (MERIDIANS[1] - MERIDIANS[0])
         column = np.floor(around).astype(int)
         row = np.clip(np.searchsorted(LATITUDES, latitude, side="right") - 1, 0, len(LATITUDES) - 2)
@@ -51,7 +54,7 @@ class Touch:
         values = 0.0
         for step_row, weight_row in ((0, 1.0 - across), (1, across)):
             for step, weight in ((0, 1.0 - (around - column)), (1, around - column)):
-                values = values + weight_row * weight * self.needed[row + step_row, (column + step) % len(MERIDIANS)]
+                values = values + weight_row * weight * needed[row + step_row, (column + step) % len(MERIDIANS)]
         return float(np.max(values))
 
     def shares_at(self, fill: float) -> dict[str, float]:
@@ -60,7 +63,8 @@ class Touch:
 
     def mirrored(self) -> "Touch":
         """Return the table of a posture that is this one seen in a mirror, for an eye that is its own mirror image."""
-        return dataclasses.replace(self, needed=self.needed[:, -np.arange(len(MERIDIANS))])
+        other = -np.arange(len(MERIDIANS))
+        return dataclasses.replace(self, needed=self.needed[:, other], needed_by_both=self.needed_by_both[:, other])
 
 
 def key_of(liquids: Liquids, posture: str) -> Key:
@@ -80,6 +84,7 @@ def touch_of(cavity: StarCavity, liquids: Liquids, down: np.ndarray,
     meridian, latitude = (grid.ravel() for grid in np.meshgrid(MERIDIANS, LATITUDES))
     corners, weights = interpolation(cavity, direction(meridian, latitude))
     margins, covered = np.empty((2, len(FILLS), len(meridian))), np.empty((2, len(FILLS), len(SHARES)))
+    energy = np.full((2, len(FILLS)), np.inf)
     for course, order in enumerate((range(len(FILLS)), reversed(range(len(FILLS))))):
         start = None
         for index in order:
@@ -88,9 +93,16 @@ def touch_of(cavity: StarCavity, liquids: Liquids, down: np.ndarray,
             margins[course, index] = (contact.margin[corners] * weights).sum(axis=1)
             found = shares(contact)
             covered[course, index] = [found[name] for name in SHARES]
+            energy[course, index] = rest.energy if rest.settled else np.inf
             advance(1)
-    needed = fills_needed(np.clip(margins.min(axis=0), -FARTHEST, FARTHEST))
-    return Touch(needed.reshape(len(LATITUDES), len(MERIDIANS)), covered.min(axis=0))
+    least, fill = energy.argmin(axis=0), np.arange(len(FILLS))
+    # A shape that has not settled is none; at a fill without any, nothing is known to be touched.
+    margins[~np.isfinite(energy)] = np.inf
+    margins[:, ~np.isfinite(energy).any(axis=0)] = -np.inf
+    margins = np.clip(margins, -FARTHEST, FARTHEST)
+    needed, by_both = (fills_needed(one).reshape(len(LATITUDES), len(MERIDIANS))
+                       for one in (margins[least, fill], margins.min(axis=0)))
+    return Touch(needed, by_both, covered[least, fill])
 
 
 def fills_needed(margin: np.ndarray) -> np.ndarray:
@@ -107,16 +119,17 @@ def fills_needed(margin: np.ndarray) -> np.ndarray:
 
 
 def write_tables(folder: Path, tables: dict[Key, Touch]) -> None:
-    """Write the tables of an eye into a folder: two CSV files."""
-    touch, covered = [], []
+    """Write the tables of an eye into a folder: three CSV files."""
+    touch, by_both, covered = [], [], []
     for key, table in tables.items():
-        touch += [(*key, f"{latitude:g}", *(f"{100 * value:.1f}" for value in row))
-                  for latitude, row in zip(LATITUDES, table.needed, strict=True)]
+        for lines, needed in ((touch, table.needed), (by_both, table.needed_by_both)):
+            lines += [(*key, f"{latitude:g}", *(f"{100 * value:.1f}" for value in row))
+                      for latitude, row in zip(LATITUDES, needed, strict=True)]
         covered += [(*key, f"{100 * fill:g}", *(f"{100 * value:.1f}" for value in row))
                     for fill, row in zip(FILLS, table.shares, strict=True)]
-    heads = ((*KEYS, "latitude [deg]", *(f"meridian {one:g} deg: fill [%]" for one in MERIDIANS)),
-             (*KEYS, "fill [%]", *(f"{name} [%]" for name in SHARES)))
-    for name, head, rows in zip((TOUCH, COVERED), heads, (touch, covered), strict=True):
+    chart = (*KEYS, "latitude [deg]", *(f"meridian {one:g} deg: fill [%]" for one in MERIDIANS))
+    shared = (*KEYS, "fill [%]", *(f"{name} [%]" for name in SHARES))
+    for name, head, rows in ((TOUCH, chart, touch), (TOUCH_BY_BOTH, chart, by_both), (COVERED, shared, covered)):
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([head, *rows])
         write_text(folder / name, text.getvalue())
@@ -129,16 +142,18 @@ def read_tables(folder: Path) -> dict[Key, Touch]:
     ------
     UserError : a file is damaged.
     """
-    if not (folder / TOUCH).is_file() or not (folder / COVERED).is_file():
+    files = [folder / name for name in (TOUCH, TOUCH_BY_BOTH, COVERED)]
+    if not all(file.is_file() for file in files):
         return {}
     try:
-        parts = [_grouped(folder / name) for name in (TOUCH, COVERED)]
-        tables = {key: Touch(parts[0][key], parts[1][key]) for key in parts[0]}
+        parts = [_grouped(file) for file in files]
+        tables = {key: Touch(*(part[key] for part in parts)) for key in parts[0]}
     except (ValueError, KeyError, IndexError) as error:
         raise UserError(f"{folder}: its tables are damaged ({error}); remove the folder, and they are made again"
                         ) from error
-    shapes = ((len(LATITUDES), len(MERIDIANS)), (len(FILLS), len(SHARES)))
-    if any((table.needed.shape, table.shares.shape) != shapes for table in tables.values()):
+    chart = (len(LATITUDES), len(MERIDIANS))
+    if any((table.needed.shape, table.needed_by_both.shape, table.shares.shape)
+           != (chart, chart, (len(FILLS), len(SHARES))) for table in tables.values()):
         raise UserError(f"{folder}: its tables are of another size; remove the folder, and they are made again")
     return tables
 
