@@ -21,17 +21,19 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.equilibrium.star_cavity import levels_of
+from pipeline.equilibrium.star_cavity import cavity_of, levels_of
 from pipeline.planning.breaks import read_break
+from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.report import html_of, text_of
-from pipeline.planning.search import CACHE, Question, Tables, answers, write_map
+from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import LENSES, MESH_UNITS, Eye, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
 SIDES = ("right", "left")
+MAPS = 4    # answers that the page draws
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -55,11 +57,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.output is None:
         sys.stdout.write(text)
     else:
-        html = options.output.suffix == ".html"
-        write_text(options.output, html_of(question, found, eye, options.side) if html else text)
+        write_text(options.output, _page(question, found, eye, options.side) if options.output.suffix == ".html" else text)
     if options.confirm is not None:
         print(f"{options.confirm}: one simulation of this, to compare: snakemake -j2 "
               f"outputs/{options.confirm.stem}/draft/metrics.html")
+
+
+def _page(question: Question, found: Sequence[Answer], eye: Eye, side: str) -> str:
+    """Return the page, with maps of the best answers."""
+    charts = Charts(cavity_of(eye), question.place, side == "right")
+    maps = [charts.png(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
+                       min(answer.fill, question.largest_fill)) for answer in found[:MAPS]]
+    return html_of(question, found, eye, side, maps)
 
 
 def _parser() -> argparse.ArgumentParser:

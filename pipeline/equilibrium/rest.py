@@ -87,7 +87,7 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
     distance, settled = _minimize(energy, fill * energy.volume(energy.radius), first)
     depth = length * energy.wetting.depth_in_oil(energy.gap(distance))
     if not settled:
-        LOG.warning("the shape of %.4g %% oil did not come to rest in %d steps", 100.0 * fill, STEPS)
+        LOG.info("the shape of %.4g %% oil did not come to rest in %d steps", 100.0 * fill, STEPS)
     return Rest(cavity, length * distance, depth, fill, energy.value(distance), settled)
 
 

@@ -46,13 +46,6 @@ def eye_words(eye: Eye) -> str:
     return f"{eye.lens}, {1e3 * eye.axial_length:g} mm long, an average eye of this length"
 
 
-def oil_words(oils: Sequence[str]) -> str:
-    """Return oils that rest alike: the first, and that there are others."""
-    if len(oils) == 1:
-        return oils[0]
-    return f"{oils[0]} ({', '.join(oils[1:])} rest alike)"
-
-
 def verdict(question: Question, found: Sequence[Answer]) -> list[str]:
     """Return the answer in sentences."""
     best = found[0]
@@ -101,23 +94,28 @@ def heads() -> tuple[str, ...]:
 
 def rows(found: Sequence[Answer]) -> list[tuple[str, ...]]:
     """Return the table: a line for every oil and posture, the smallest fill first."""
-    return [(oil_words(answer.oils), _named(answer.posture), fill_words(answer.fill), span_words(answer),
+    return [(answer.oils[0], _named(answer.posture), fill_words(answer.fill), span_words(answer),
              *(percent(answer.shares[name]) for name in ("retina", "superior", "inferior", "macula")))
             for answer in found]
 
 
 def text_of(question: Question, found: Sequence[Answer], eye: Eye, side: str) -> str:
     """Return the plan as text."""
-    cells = [heads(), *((answer.oils[0], *row[1:]) for answer, row in zip(found, rows(found), strict=True))]
+    cells = [heads(), *rows(found)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
     return "\n".join([f"Break: {question.place.words(side)}.", *verdict(question, found), "",
-                      *table, "", _below(question), "", "Assumed:",
+                      *table, "", _below(question, found), "", "Assumed:",
                       *(f"- {line}" for line in assumptions(question, eye, side)), "", NO_ADVICE, ""])
 
 
-def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str) -> str:
-    """Return the plan as a page."""
+def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str, maps: Sequence[bytes] = ()) -> str:
+    """Return the plan as a page.
+
+    Parameters
+    ----------
+    maps : of the fundus, PNG files, of the first answers.
+    """
     first, *others = verdict(question, found)
     marked = [index for index, answer in enumerate(found) if not answer.covers(question.largest_fill)]
     return page.page("Fill, oil and posture for a break of the retina", [
@@ -125,15 +123,26 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str) ->
         page.paragraph(f"Break: {question.place.words(side)}."),
         page.paragraph(page.bold(first), *others),
         page.table(heads(), rows(found), words=(1, 3), marked=marked),
-        page.paragraph(_below(question)),
+        page.paragraph(_below(question, found)),
+        page.section("What the oil touches") if maps else "",
+        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, the break is "
+                       "red, the edge is uncertain where it is hatched.") if maps else "",
+        *(part for png, answer in zip(maps, found, strict=False) for part in (
+            page.paragraph(page.bold(_caption(answer, question))), page.picture(png, _caption(answer, question)))),
         page.section("Assumed"),
         page.bullets(assumptions(question, eye, side)),
     ])
 
 
-def _below(question: Question) -> str:
-    return (f"The last four columns: covered share of the retina and its parts at this fill, or at "
-            f"{percent(question.largest_fill)} where more would be needed.")
+def _caption(answer: Answer, question: Question) -> str:
+    return f"{answer.oils[0]}, {_named(answer.posture)}, {percent(min(answer.fill, question.largest_fill), 1)}"
+
+
+def _below(question: Question, found: Sequence[Answer]) -> str:
+    alike = dict.fromkeys(answer.oils for answer in found if len(answer.oils) > 1)
+    return " ".join([f"The last four columns: covered share of the retina and its parts at this fill, or at "
+                     f"{percent(question.largest_fill)} where more would be needed.",
+                     *(f"{', '.join(oils[1:])} rest as {oils[0]} does." for oils in alike)])
 
 
 def _named(posture: str) -> str:
