@@ -21,7 +21,9 @@ VOLUME_ERROR = 1e-7     # of the oil
 STIFFNESS = 50.0        # of the volume in what decides on a step, over the volume
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1.0, 1e-5, 1e5
 LONGEST_STEP = 0.3      # over the radius of the cavity
+LARGEST_CHANGE = 0.1    # of the volume in a step, over the volume: a start may be far from it
 JOINING = 6             # times that distances join those that stay at the wall, in one step
+DRAWN_IN = 0.999        # of the wall: a start in a full cavity
 FIRST_PRESSURE = 2.0    # of the oil over the other liquid: of a ball with the tension
 
 
@@ -84,6 +86,8 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
     bond = liquids.density_difference * liquids.gravity * length**2 / liquids.tension * np.asarray(down, float)
     energy = Energy(cavity, liquids.contact_angle, bond)
     first = fill ** (1.0 / 3.0) * energy.radius if start is None else np.minimum(start / length, energy.radius)
+    if (first >= energy.radius).all():  # a full cavity leaves nothing free to move
+        first = DRAWN_IN * energy.radius
     distance, settled = _minimize(energy, fill * energy.volume(energy.radius), first)
     depth = length * energy.wetting.depth_in_oil(energy.gap(distance))
     if not settled:
@@ -107,7 +111,8 @@ def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.n
         force = slope.energy - pressure * slope.volume
         inertia = scipy.sparse.diags(energy.share * energy.radius**2)
         while True:
-            step, rise = _step(energy, distance, bend + damping * inertia, force, slope.volume, missing)
+            aimed = float(np.clip(missing, -LARGEST_CHANGE * volume, LARGEST_CHANGE * volume))
+            step, rise = _step(energy, distance, bend + damping * inertia, force, slope.volume, aimed)
             tried = np.minimum(distance + step, energy.radius)
             value, left = energy.value(tried), volume - energy.volume(tried)
             # What decides is the energy at this pressure, with the missing volume punished. (R6)
