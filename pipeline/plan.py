@@ -28,11 +28,10 @@ from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.report import html_of, text_of
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
 from pipeline.planning.settings import Settings, load_settings, postures
-from pipeline.scenes.model import LENSES, MESH_UNITS, Eye, Material
+from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES, Eye, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
-SIDES = ("right", "left")
 MAPS = 4    # answers that the page draws
 
 
@@ -53,22 +52,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = answers(question, Tables(eye, options.cache), float(-bounds[0, 2]))
     if options.confirm is not None:
         write_text(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
-    text = text_of(question, found, eye, options.side)
+    text = text_of(question, found, eye)
     if options.output is None:
         sys.stdout.write(text)
     else:
-        write_text(options.output, _page(question, found, eye, options.side) if options.output.suffix == ".html" else text)
+        write_text(options.output, _page(question, found, eye) if options.output.suffix == ".html" else text)
     if options.confirm is not None:
         print(f"{options.confirm}: one simulation of this, to compare: snakemake -j2 "
               f"outputs/{options.confirm.stem}/draft/metrics.html")
 
 
-def _page(question: Question, found: Sequence[Answer], eye: Eye, side: str) -> str:
+def _page(question: Question, found: Sequence[Answer], eye: Eye) -> str:
     """Return the page, with maps of the best answers."""
-    charts = Charts(cavity_of(eye), question.place, side == "right")
+    charts = Charts(cavity_of(eye), question.place, eye.side == "right")
     maps = [charts.png(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
                        min(answer.fill, question.largest_fill)) for answer in found[:MAPS]]
-    return html_of(question, found, eye, side, maps)
+    return html_of(question, found, eye, maps)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -79,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--size", default="1h", metavar="WIDTH,HEIGHT",
                         help="width in clock hours, height in degrees, or both, such as 2h,15deg (default: 1h; 10 deg "
                              "high)")
-    parser.add_argument("--margin", default="0.5 mm", help="how far the oil must reach beyond the break (default: 0.5 mm)")
+    parser.add_argument("--margin", default="0.5 mm", help="reach of the oil beyond the break (default: 0.5 mm)")
     parser.add_argument("--oil", metavar="OIL,...", help="oils to choose from (default: all of config/plan.yaml)")
     parser.add_argument("--postures", metavar="POSTURE,...", help=f"postures to choose from (default: all: "
                                                                   f"{', '.join(postures())})")
@@ -129,8 +128,8 @@ class Margin:
 
 def _eye(options: argparse.Namespace) -> Eye:
     if options.mesh is None:
-        return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens})
-    return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit})
+        return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens, "side": options.side})
+    return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side})
 
 
 def _record(kind: type, values: dict[str, object], base: object = None):

@@ -53,14 +53,14 @@ class Contact:
         """Segments of the contact line on the wall, (k, 2, 3), m."""
         faces, wall = self.cavity.faces, self.cavity.wall
         crossed = faces[(self.depth[faces].max(axis=1) > 0.0) & (self.depth[faces].min(axis=1) <= 0.0)]
-        ends = []
+        sides = []
         for start, end in ((0, 1), (1, 2), (2, 0)):
             a, b = crossed[:, start], crossed[:, end]
             crosses = (self.depth[a] > 0.0) != (self.depth[b] > 0.0)
             share = self.depth[a] / np.where(crosses, self.depth[a] - self.depth[b], 1.0)
-            ends.append(np.where(crosses[:, None], wall[a] + share[:, None] * (wall[b] - wall[a]), np.nan))
+            sides.append(np.where(crosses[:, None], wall[a] + share[:, None] * (wall[b] - wall[a]), np.nan))
         # Of every triangle two of the three edges are crossed.
-        ends = np.stack(ends, axis=1)
+        ends = np.stack(sides, axis=1)
         return ends[np.isfinite(ends[..., 0])].reshape(-1, 2, 3)
 
     @functools.cached_property

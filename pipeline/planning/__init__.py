@@ -1,1 +1,1 @@
-"""The question of the surgeon: the smallest fill that covers a break of the retina, with which oil, in which posture."""
+"""The surgeon's question: the smallest fill that covers a break of the retina, with which oil, in which posture."""

@@ -46,7 +46,8 @@ class Break:
         meridians, latitudes = [], []
         for one in latitude:
             # Around the pole itself a margin reaches all meridians.
-            wider = 180.0 if margin >= one else np.degrees(np.arcsin(np.sin(np.radians(margin)) / np.sin(np.radians(one))))
+            sines = np.sin(np.radians([margin, one]))
+            wider = 180.0 if margin >= one else np.degrees(np.arcsin(sines[0] / sines[1]))
             half = min(max(0.5 * self.width + wider, 0.0), 180.0)
             count = 1 + int(np.ceil(2.0 * half / STEP))
             meridians.append(self.meridian + np.linspace(-half, half, count))
@@ -100,8 +101,8 @@ def read_break(place: str, size: str) -> Break:
     width, height = _size(size, latitude)
     low, high = max(latitude - 0.5 * (height or ASSUMED_HEIGHT), 0.0), latitude + 0.5 * (height or ASSUMED_HEIGHT)
     if high > ORA:
-        raise UserError(f"--break {place} --size {size} reaches from {low:g} to {high:g} deg from the posterior pole, but "
-                        f"the retina ends at {ORA:g} deg (ora serrata)")
+        raise UserError(f"--break {place} --size {size} reaches from {low:g} to {high:g} deg from the posterior pole, "
+                        f"but the retina ends at {ORA:g} deg (ora serrata)")
     return Break(hour * HOUR % 360.0, latitude, width, height or ASSUMED_HEIGHT, height is None)
 
 
@@ -110,8 +111,8 @@ def _size(size: str, latitude: float) -> tuple[float, float | None]:
     words = [word.strip() for word in size.split(",")]
     hours = [_hours(word) for word in words]
     if len(words) > 2 or (len(words) == 2 and (hours[0] is None or hours[1] is not None)):
-        raise UserError(f'--size is "{size}", but must be a width in clock hours, a height in degrees, or both, such as '
-                        "2h, 15deg or 2h,15deg")
+        raise UserError(f'--size is "{size}", but must be a width in clock hours, a height in degrees, or both, such '
+                        "as 2h, 15deg or 2h,15deg")
     if hours[0] is not None:
         if not 0.0 < hours[0] <= 12.0:
             raise UserError(f'--size is "{size}", but a width must be above 0 and at most 12 clock hours')

@@ -16,7 +16,7 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     starts_from : scene that it extends: level liquids in an eye, with weight, tension and contact angle.
     """
     fill, oil = min(answer.fill, question.largest_fill), answer.oils[0]
-    cavity: dict[str, object] = {"model": eye.model}
+    cavity: dict[str, object] = {"model": eye.model, "side": eye.side}
     if eye.model == "mesh":
         cavity |= {"path": str(Path(eye.path or "").resolve()), "unit": eye.unit}
     else:

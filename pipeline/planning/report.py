@@ -67,13 +67,13 @@ def verdict(question: Question, found: Sequence[Answer]) -> list[str]:
     return sentences
 
 
-def assumptions(question: Question, eye: Eye, side: str) -> list[str]:
+def assumptions(question: Question, eye: Eye) -> list[str]:
     """Return what the answer rests on."""
     angles = " and ".join(f"{np.degrees(angle):.3g}" for angle in question.other_angles)
-    nasal = "nasal" if side == "right" else "temporal"
+    nasal = "nasal" if eye.side == "right" else "temporal"
     return [
         f"Clock hours as an observer sees them who faces the patient (chart of Amsler and Dubois): 3 is on the "
-        f"patient's left, {nasal} in this {side} eye.",
+        f"patient's left, {nasal} in this {eye.side} eye.",
         f"Eye: {eye_words(eye)}. A buckle, a staphyloma or other individual shape is only in a mesh of your own.",
         f"The oil must reach {1e3 * question.margin:g} mm beyond the break on all sides.",
         f"Oil at rest: tension {1e3 * question.tension:g} mN/m, contact angle {np.degrees(question.contact_angle):.3g} "
@@ -99,17 +99,17 @@ def rows(found: Sequence[Answer]) -> list[tuple[str, ...]]:
             for answer in found]
 
 
-def text_of(question: Question, found: Sequence[Answer], eye: Eye, side: str) -> str:
+def text_of(question: Question, found: Sequence[Answer], eye: Eye) -> str:
     """Return the plan as text."""
     cells = [heads(), *rows(found)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
-    return "\n".join([f"Break: {question.place.words(side)}.", *verdict(question, found), "",
+    return "\n".join([f"Break: {question.place.words(eye.side)}.", *verdict(question, found), "",
                       *table, "", _below(question, found), "", "Assumed:",
-                      *(f"- {line}" for line in assumptions(question, eye, side)), "", NO_ADVICE, ""])
+                      *(f"- {line}" for line in assumptions(question, eye)), "", NO_ADVICE, ""])
 
 
-def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str, maps: Sequence[bytes] = ()) -> str:
+def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequence[bytes] = ()) -> str:
     """Return the plan as a page.
 
     Parameters
@@ -120,7 +120,7 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str, ma
     marked = [index for index, answer in enumerate(found) if not answer.covers(question.largest_fill)]
     return page.page("Fill, oil and posture for a break of the retina", [
         page.paragraph(page.bold(NO_ADVICE)),
-        page.paragraph(f"Break: {question.place.words(side)}."),
+        page.paragraph(f"Break: {question.place.words(eye.side)}."),
         page.paragraph(page.bold(first), *others),
         page.table(heads(), rows(found), words=(1, 3), marked=marked),
         page.paragraph(_below(question, found)),
@@ -130,7 +130,7 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, side: str, ma
         *(part for png, answer in zip(maps, found, strict=False) for part in (
             page.paragraph(page.bold(_caption(answer, question))), page.picture(png, _caption(answer, question)))),
         page.section("Assumed"),
-        page.bullets(assumptions(question, eye, side)),
+        page.bullets(assumptions(question, eye)),
     ])
 
 

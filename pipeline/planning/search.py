@@ -15,7 +15,7 @@ from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.planning.breaks import Break
 from pipeline.planning.settings import postures
-from pipeline.planning.touch import FILLS, Key, Touch, key_of, read_tables, touch_of, write_tables
+from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import Eye, Material
 
@@ -38,7 +38,7 @@ class Tables:
         self.eye = eye
         self._folder = cache / call_digest("pipeline.planning.touch", (), _values(eye))
         self._kept = read_tables(self._folder)
-        self._known = (read_tables(MAP) if eye == Eye() else {}) | self._kept
+        self._known = (read_tables(MAP) if dataclasses.replace(eye, side=Eye().side) == Eye() else {}) | self._kept
         self._cavity: StarCavity | None = None
 
     def __contains__(self, case: tuple[Liquids, str]) -> bool:
@@ -135,8 +135,8 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
         possible = [one.fill_for(*patch, by_both) for one in (table, *tables.of(others)) for by_both in (False, True)
                     ] if known else []
         shares = table.shares_at(min(fill, question.largest_fill))
-        found.append(Answer(tuple(alike[case[0]]), case[1], fill, max(min(possible) - FILL_ERROR, 0.0) if known else None,
-                            min(max(possible) + FILL_ERROR, 1.0) if known else None, shares))
+        low, high = (min(possible) - FILL_ERROR, min(max(possible) + FILL_ERROR, 1.0)) if known else (None, None)
+        found.append(Answer(tuple(alike[case[0]]), case[1], fill, low, high, shares))
     return sorted(found, key=lambda answer: answer.fill)
 
 
@@ -162,14 +162,10 @@ def write_map(question: Question, folder: Path = MAP) -> int:
 
 
 def _values(eye: Eye) -> dict[str, object]:
-    """What tells an eye from others: its numbers, and what is in its mesh."""
+    """What tells the shape of an eye from others: its numbers, and what is in its mesh."""
     values: dict[str, object] = dataclasses.asdict(eye)
+    values.pop("side")
     if eye.path:
         path = Path(eye.path)
         values["path"] = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else eye.path
     return values
-
-
-def keys_of_map() -> list[Key]:
-    """Return what the map of the default eye has."""
-    return list(read_tables(MAP))

@@ -16,7 +16,7 @@ from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS
 from sim.parameters import parameter
 
-ANGLES = {"minimum": float(SMALLEST_ANGLE), "maximum": float(LARGEST_ANGLE)}
+LEAST, MOST = float(SMALLEST_ANGLE), float(LARGEST_ANGLE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,8 +26,10 @@ class Settings:
     other_liquid: str = parameter(meaning="liquid that the oil displaces")
     oils: tuple[str, ...] = parameter(meaning="oils that can be asked for")
     tension: float = parameter(unit="N/m", exclusive_minimum=0.0, maximum=0.2, meaning="interface tension")
-    contact_angle: float = parameter(unit="rad", **ANGLES, meaning="contact angle through the other liquid")
-    other_angles: tuple[float, ...] = parameter(unit="rad", **ANGLES, meaning="contact angles that are possible too")
+    contact_angle: float = parameter(unit="rad", minimum=LEAST, maximum=MOST,
+                                     meaning="contact angle through the other liquid")
+    other_angles: tuple[float, ...] = parameter(unit="rad", minimum=LEAST, maximum=MOST,
+                                                meaning="contact angles that are possible too")
     largest_fill: float = parameter(minimum=0.5, maximum=0.99, meaning="largest share of the cavity that gets filled")
     confirming_scene: str = parameter(meaning="scene that a confirming one starts from")
 
