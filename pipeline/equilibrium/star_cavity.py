@@ -56,7 +56,7 @@ class StarCavity:
         reach = np.linspace(0.0, FARTHEST, SIGHTINGS)[1:]
         outside = np.stack([level(viewpoint + one * direction) > 0.0 for one in reach], axis=1)
         if (np.diff(outside.astype(int), axis=1) < 0).any() or not outside[:, -1].all() or outside[:, 0].any():
-            raise UserError("eye: the oil at rest can only be found in a cavity whose whole wall is seen from one point on "
+            raise UserError("eye: oil at rest can only be found in a cavity whose whole wall is seen from one point on "
                             f"its axis, but {np.round(1e3 * viewpoint, 1).tolist()} mm does not see all of it")
         far = reach[outside.argmax(axis=1)]
         near = far - reach[0]

@@ -79,10 +79,10 @@ def assumptions(question: Question, eye: Eye) -> list[str]:
         f"Oil at rest: tension {1e3 * question.tension:g} mN/m, contact angle {np.degrees(question.contact_angle):.3g} "
         f"degrees through {question.other.name}, which wets the rest of the wall. Only densities, tension, angle and "
         f"shape matter; viscosity does not.",
-        f"The range of a fill is that for {angles} degrees, and {100 * FILL_ERROR:g} points for the error of the shapes. "
+        f"The range of a fill is that for {angles} degrees, with {percent(FILL_ERROR)} for the error of the shapes. "
         f"Where two shapes are at rest, as after filling in and after taking out, the one with less energy counts, and "
         f"the range holds both.",
-        f"Fills above {percent(question.largest_fill)} are taken as not got in. The retina is attached, the head rests, "
+        f"Fills above {percent(question.largest_fill)} are taken as not got in. The retina is attached, the head rests "
         f"and the oil is one body.",
     ]
 
@@ -125,8 +125,8 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequenc
         page.table(heads(), rows(found), words=(1, 3), marked=marked),
         page.paragraph(_below(question, found)),
         page.section("What the oil touches") if maps else "",
-        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, the break is "
-                       "red, the edge is uncertain where it is hatched.") if maps else "",
+        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, the break "
+                       "is red, the edge is uncertain where it is hatched.") if maps else "",
         *(part for png, answer in zip(maps, found, strict=False) for part in (
             page.paragraph(page.bold(_caption(answer, question))), page.picture(png, _caption(answer, question)))),
         page.section("Assumed"),

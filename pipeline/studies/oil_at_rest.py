@@ -37,8 +37,8 @@ class Parameters:
 
     cavity: str = parameter("sphere", choices=("sphere", "eye"), meaning="a sphere, or the default eye")
     fill: float = parameter(0.8, minimum=0.5, maximum=0.99, meaning="share of the cavity that is oil")
-    contact_angle: float = parameter(float(np.radians(18.2)), unit="rad", minimum=float(np.radians(5.0)),
-                                     maximum=float(np.radians(45.0)), meaning="contact angle through the water")
+    contact_angle: float = parameter(18.2, unit="deg", minimum=5.0, maximum=45.0,
+                                     meaning="contact angle through the water")
     density_difference: float = parameter(35.0, unit="kg/m**3", meaning="density of the water less that of the oil")
     tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, meaning="interface tension")
     radius: float = parameter(0.011, unit="m", exclusive_minimum=0.0, meaning="radius of the sphere")
@@ -48,9 +48,9 @@ class Parameters:
 def run(case: Parameters) -> Outcome:
     """Let the oil come to rest with ever more directions."""
     outcome, arcs = Outcome(), []
-    liquids = Liquids(case.density_difference, case.tension, case.contact_angle, GRAVITY)
+    liquids = Liquids(case.density_difference, case.tension, np.radians(case.contact_angle), GRAVITY)
     expected = (_expected_in_sphere(case) if case.cavity == "sphere" else
-                EYE.get((case.fill, round(float(np.degrees(case.contact_angle)), 6)), {}))
+                EYE.get((case.fill, case.contact_angle), {}))
     before = None
     for cuts in case.cuts:
         began = time.perf_counter()
@@ -73,7 +73,7 @@ def run(case: Parameters) -> Outcome:
             outcome.remarks.append(f"{case.cavity} {case.fill:g}, {at['at']}: did not come to rest")
         arcs.append(found["arc"] - expected["arc"] if "arc" in expected else np.nan)
     counts = [10 * 4**cuts + 2 for cuts in case.cuts]
-    label = f"{case.cavity} {case.fill:g} {np.degrees(case.contact_angle):g} deg"
+    label = f"{case.cavity} {case.fill:g} {case.contact_angle:g} deg"
     outcome.curves.append(Curve("oil_at_rest", label, counts, arcs, "line"))
     return outcome
 
@@ -88,6 +88,6 @@ def _sphere(radius: float, cuts: int) -> StarCavity:
 
 
 def _expected_in_sphere(case: Parameters) -> dict[str, float]:
-    exact = oil_at_rest(case.fill, case.contact_angle,
+    exact = oil_at_rest(case.fill, np.radians(case.contact_angle),
                         case.density_difference * GRAVITY / case.tension, case.radius, 3)
     return {"arc": exact.arc, "wall": 100.0 * exact.coverage, "height on the axis": 1e3 * exact.apex}
