@@ -193,6 +193,8 @@ def test_a_confirming_scene_is_a_scene(tables, tmp_path):
     assert scene.eye.lens == "pseudophakic" and [liquid.name for liquid in scene.liquids][1] == "heavy_oil_densiron_68"
     assert scene.initial.fill["heavy_oil_densiron_68"] == pytest.approx(min(answer.fill, 0.95), abs=1e-4)
     assert scene.effects["gravity"].posture == "prone"
+    assert scene.effects["interface_tension"].coefficient == asked.tension
+    assert scene.effects["interface_tension"].contact_angle == pytest.approx(asked.contact_angle)
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
