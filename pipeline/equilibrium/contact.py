@@ -8,9 +8,9 @@ import functools
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.cavity.regions import retina_parts
 from pipeline.equilibrium.rest import Rest
 from pipeline.equilibrium.star_cavity import StarCavity
-from pipeline.measures.coverage import MACULA_RADIUS, RETINA_ANGLE
 
 NEAREST = 8             # segments of the contact line, and triangles, tried for a point
 NO_LINE = 1.0           # m: the distance to the line where there is none
@@ -96,11 +96,8 @@ class Contact:
 
 def retina_masks(cavity: StarCavity) -> dict[str, np.ndarray]:
     """Triangles of the retina and its parts, name -> (m,) bool, as those of the wall particles of a run."""
-    middle = cavity.wall[cavity.faces].mean(axis=1)
-    x, y, z = middle.T
-    retina = np.arccos(-z / np.linalg.norm(middle, axis=1)) <= RETINA_ANGLE
-    return {"retina": retina, "superior": retina & (y > 0), "inferior": retina & (y < 0),
-            "macula": retina & (z < 0) & (np.hypot(x, y) <= MACULA_RADIUS)}
+    parts = retina_parts(cavity.wall[cavity.faces].mean(axis=1))
+    return {"retina": parts.pop("whole")} | parts
 
 
 def shares(contact: Contact) -> dict[str, float]:

@@ -10,7 +10,7 @@ import re
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.measures.coverage import RETINA_ANGLE
+from pipeline.cavity.regions import RETINA_ANGLE
 from pipeline.scenes.units import parse_quantity
 
 HOUR = 30.0                 # degrees
@@ -66,7 +66,7 @@ class Break:
         columns = ("nasal" if nasal else "temporal") if abs(left) > 0.3 else ""
         place = " ".join(word for word in (rows, columns) if word)
         return (f"{clock} o'clock ({place}), {self.latitude:g} degrees from the posterior pole, "
-                f"{self.width / HOUR:.3g} clock hours wide and {self.height:g} degrees high"
+                f"{self.width / HOUR:.3g} h of the clock wide and {self.height:g} degrees high"
                 + (" (height assumed)" if self.height_assumed else ""))
 
 
