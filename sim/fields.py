@@ -1,5 +1,6 @@
 """Particle fields: who declares a field gets it, and nothing else is allocated."""
 import dataclasses
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -70,17 +71,28 @@ class ParticleStore:
         self.dimension = dimension
         self.liquids = liquids
         self.declared: dict[str, Field] = {}
-        for field in fields:
-            if self.declared.setdefault(field.name, field) != field:
-                raise ValueError(f"particle field '{field.name}' is declared twice, differently")
-        self.arrays = {name: allocate(f, capacity, dimension, liquids) for name, f in self.declared.items()}
+        self.arrays: dict[str, Any] = {}
+        self.buffer_of: dict[str, Any] = {}  # by kind
         self.count = ti.field(ti.i32, shape=())
         self.order = ti.field(ti.i32, shape=capacity)
         self.source, self.target = (ti.field(ti.i32, shape=COPIED_AT_ONCE) for _ in range(2))
-        self.carried = [self.arrays[f.name] for f in self.declared.values() if f.carried]
-        buffers = {kind: allocate(Field("buffer", kind, "", ""), capacity, dimension, liquids)
-                   for kind in dict.fromkeys(f.kind for f in self.declared.values() if f.carried)}
-        self.buffers = [buffers[f.kind] for f in self.declared.values() if f.carried]
+        self.add(fields)
+
+    def add(self, fields) -> None:
+        """Declare more fields and allocate those that are new."""
+        for field in fields:
+            if self.declared.setdefault(field.name, field) != field:
+                raise ValueError(f"particle field '{field.name}' is declared twice, differently")
+            if field.name not in self.arrays:
+                self.arrays[field.name] = self._allocated(field)
+            if field.carried and field.kind not in self.buffer_of:
+                self.buffer_of[field.kind] = self._allocated(Field("buffer", field.kind, "", ""))
+        carried = [f for f in self.declared.values() if f.carried]
+        self.carried = [self.arrays[f.name] for f in carried]
+        self.buffers = [self.buffer_of[f.kind] for f in carried]
+
+    def _allocated(self, field: Field):
+        return allocate(field, self.capacity, self.dimension, self.liquids)
 
     def view(self, owner: str, names) -> FieldView:
         """Return the named fields for one user, with the particle count."""

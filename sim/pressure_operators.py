@@ -20,16 +20,15 @@ class PressureOperators:
     Fields of liquid particles: `kernel_gradient_sum` S_i = sum of V_j G_ij over all neighbors, `volume`, `mass`.
     The weight of the force is the `mobility` for velocities (weighted=True) and 1 for positions (weighted=False).
 
-    Parameters
+    Attributes
     ----------
     resisting : effects with a `friction` k of the wall, implicit in the velocity that the pressure changes: it resists
         what the pressure does, and the mobility is V/(m + dt k) instead of V/m. Without it a wall holds viscous liquid
         in the one solve and lets it slip in the other, and oil moves along the wall too fast.
     """
 
-    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum, resisting=()):
-        self.resisting = [effect for effect in resisting
-                          if effect.overrides("friction") and "friction" not in effect.unused_hooks]
+    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum):
+        self.resisting: list = []
         self.particles = particles
         self.count = particles.count
         self.volume = particles.arrays["volume"]

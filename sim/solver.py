@@ -98,9 +98,8 @@ class Solver:
             if any(settings.periods) and not c.periodic:
                 raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")
         scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
-        fields = BASE_FIELDS + scheme.fields + tuple(f for c in classes for f in c.fields)
-        self.particles = ParticleStore(fields, capacity_for(len(fluid_position), head_room), self.dimension,
-                                       len(self.liquids))
+        capacity = capacity_for(len(fluid_position), head_room)
+        self.particles = ParticleStore(BASE_FIELDS + scheme.fields, capacity, self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
@@ -112,12 +111,17 @@ class Solver:
         self.largest = ti.field(ti.f64, shape=4)
         self.partial = partial_results(2)
         self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
+        # Effects come last: Taichi finds a compiled kernel again only where its fields have the numbers that they had,
+        # and so the kernels of all else are the same whatever effects there are.
+        self.scheme = scheme(self)
+        ti.sync()
+        self.particles.add(f for c in classes for f in c.fields)
         parameters = {type(p): p for p in settings.effects}
         self.turning = [(c, parameters[c.Parameters]) for c in classes if c.overrides("into_eye")]
         self.effects = []
         for c in classes:
             self.effects.append(c(parameters[c.Parameters], self))
-        self.scheme = scheme(self)
+        self.scheme.meet(self.effects)
         for hook in ("body_acceleration", "pair_acceleration", "wall_acceleration", "potential"):
             setattr(self, f"{hook}_effects",
                     [e for e in self.effects if e.overrides(hook) and hook not in e.unused_hooks])

@@ -82,12 +82,14 @@ class DFSPH(Scheme):
         super().__init__(solver)
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
-        self.masses_change = "volume_fraction" in solver.particles.arrays
         self.fewest_neighbors = FEWEST_NEIGHBORS[solver.dimension]
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.partial = partial_results(2)
         self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(2))
         self.relaxation = ti.field(real(), shape=())
+
+    def meet(self, effects) -> None:
+        self.masses_change = "volume_fraction" in self.solver.particles.arrays
 
     @classmethod
     def iteration_limit(cls, settings) -> tuple[int, str]:

@@ -78,6 +78,9 @@ class Scheme(abc.ABC):
                      *(field.name for field in self.fields)):
             setattr(self, name, solver.particles.arrays[name])
 
+    def meet(self, effects) -> None:
+        """Take note of the effects, which the solver makes after the scheme."""
+
     @property
     def numerics(self) -> "Numerics":
         """The present numerics."""

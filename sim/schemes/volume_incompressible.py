@@ -55,10 +55,7 @@ class VolumeIncompressible(Scheme):
 
     def __init__(self, solver):
         super().__init__(solver)
-        arrays = solver.particles.arrays
-        self.volumes_change = "volume_rate" in arrays  # only where an effect declares it
-        self.volume_rate = arrays.get("volume_rate")
-        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum, solver.effects)
+        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum)
         self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
         self.wall_compression_rest = ti.field(real(), shape=walls)
@@ -67,9 +64,14 @@ class VolumeIncompressible(Scheme):
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
-
-        self.viscous_effects = [effect for effect in solver.effects if effect.overrides("implicit_viscosity")]
         self.largest_viscosity = max(liquid.dynamic_viscosity / liquid.density for liquid in solver.settings.liquids)
+
+    def meet(self, effects) -> None:
+        self.volume_rate = self.solver.particles.arrays.get("volume_rate")  # only where an effect declares it
+        self.volumes_change = self.volume_rate is not None
+        self.viscous_effects = [effect for effect in effects if effect.overrides("implicit_viscosity")]
+        self.operators.resisting = [effect for effect in effects
+                                    if effect.overrides("friction") and "friction" not in effect.unused_hooks]
 
     @classmethod
     def variant(cls, settings) -> type[Scheme]:

@@ -72,7 +72,6 @@ class WCSPH(Scheme):
         super().__init__(solver)
         self.closed = solver.settings.closed
         self.smoothing_length = 0.5 * solver.support_radius
-        self.sound_speed = self.parameters.sound_speed or self.expected_speed() / MACH  # (W6)
         self.continuity = self.parameters.density == "continuity"
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
@@ -81,6 +80,9 @@ class WCSPH(Scheme):
         self.wall_pressure = ti.field(real(), shape=walls)
         if self.continuity:
             self.density_ratio.fill(1.0)
+
+    def meet(self, effects) -> None:
+        self.sound_speed = self.parameters.sound_speed or self.expected_speed() / MACH  # (W6)
 
     def expected_speed(self) -> float:
         """Largest speed to be expected, m/s: of the start with what the effects add in energy, or of an effect.
