@@ -3,10 +3,12 @@
 Run as a script it advances the same cases in a process of its own, with another precision or number of threads.
 """
 import functools
+import gc
 import math
 import sys
 
 import numpy as np
+from taichi.lang.impl import get_runtime
 
 from pipeline.cavity.shapes import shape_arrays
 from sim.effects import REGISTRY
@@ -44,7 +46,10 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
     """Return a solver in a cavity; functions of the positions give phase, velocity and, with a free surface, liquid.
 
     By default the upper half is oil, everything is at rest and the cavity is full; `filled` marks what is liquid.
+    Taichi starts anew where no solver is left, so that kernels that were compiled before are found again.
     """
+    if get_runtime().materialized and not any_solver():
+        restart()
     position, volume = arrays["fluid_position"], arrays["fluid_volume"]
     if filled is not None:
         keep = filled(position)
@@ -60,6 +65,12 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
                   wall_volume=arrays["wall_volume"], wall_depth=arrays["wall_distance"],
                   sdf_values=arrays["sdf_values"], sdf_origin=arrays["sdf_origin"], sdf_cell=arrays["sdf_cell"],
                   cavity_volume=arrays["cavity_volume"], head_room=head_room)
+
+
+def any_solver() -> bool:
+    """Return whether a solver is in use, be it by an object that holds it."""
+    gc.collect()
+    return any(isinstance(one, Solver) for one in gc.get_referrers(Solver))
 
 
 def anew(built, *arguments, **changes):
