@@ -99,7 +99,7 @@ class Solver:
                 raise ValueError(f"effect '{c.name}' cannot cross the ends of a periodic axis (settings.periods)")
         scheme = schemes.REGISTRY[numerics.scheme].variant(settings)
         capacity = capacity_for(len(fluid_position), head_room)
-        self.particles = ParticleStore(BASE_FIELDS + scheme.fields, capacity, self.dimension, len(self.liquids))
+        self.particles = ParticleStore(BASE_FIELDS, capacity, self.dimension, len(self.liquids))
         reach = np.asarray(wall_depth) < self.support_radius  # others never meet liquid
         walls = (np.asarray(wall_position)[reach], np.asarray(wall_volume)[reach], np.asarray(wall_depth)[reach])
         self.search = NeighborSearch(self.particles, walls, self.kernel, *corners(walls[0], settings.periods),
@@ -111,8 +111,9 @@ class Solver:
         self.largest = ti.field(ti.f64, shape=4)
         self.partial = partial_results(2)
         self._set_particles(fluid_position, fluid_volume, fluid_phase, fluid_velocity)
-        # Effects come last: Taichi finds a compiled kernel again only where its fields have the numbers that they had,
-        # and so the kernels of all else are the same whatever effects there are.
+        # Taichi finds a compiled kernel again only where its fields have the numbers that they had. In this order, the
+        # kernels above are those of every scheme, and those of a scheme the same whatever effects there are.
+        self.particles.add(scheme.fields)
         self.scheme = scheme(self)
         ti.sync()
         self.particles.add(f for c in classes for f in c.fields)

@@ -1,6 +1,6 @@
 """Solvers in small cavities, shared by the tests of the solver.
 
-Run as a script it advances the same cases in a process of its own, with another precision or number of threads.
+Run as a script it advances one of the same cases in a process of its own, with another precision or number of threads.
 """
 import functools
 import gc
@@ -69,8 +69,22 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
 
 def any_solver() -> bool:
     """Return whether a solver is in use, be it by an object that holds it."""
+    for key in [key for key, (runtime, _) in _shared.items() if runtime is not get_runtime()]:
+        del _shared[key]
     gc.collect()
     return any(isinstance(one, Solver) for one in gc.get_referrers(Solver))
+
+
+_shared: dict = {}
+
+
+def shared(built, *arguments):
+    """Return what `built` builds; tests share it until Taichi starts anew, which makes it void."""
+    key = (built, *arguments)
+    if key not in _shared or _shared[key][0] is not get_runtime():
+        made = built(*arguments)
+        _shared[key] = get_runtime(), made
+    return _shared[key][1]
 
 
 def anew(built, *arguments, **changes):
@@ -155,21 +169,21 @@ def part(arrays, name: str) -> dict[str, np.ndarray]:
     return {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
 
 
-def main(precision: str, threads: str, source: str, target: str, *cases: str) -> None:
-    """Advance the cases from the cavity in one file and write their results into another."""
+def main(precision: str, threads: str, source: str, target: str, case: str) -> None:
+    """Advance a case from the cavity in one file and write its results into another."""
     from sim.runtime import initialize
     initialize(precision, int(threads))
     from kernel_samples import sample_kernels
     arrays = dict(np.load(source))
     results = {}
-    if "tank" in cases:
+    if case == "tank":
         solver = tank(arrays, precision)
         run(solver, 0.5 * TANK_END)
         run(solver, TANK_END)
         results |= {f"tank.{name}": values for name, values in solver.state().items()}
-    if "injection" in cases:
+    if case == "injection":
         results |= {f"injection.{name}": values for name, values in watched(injected(arrays, precision)).items()}
-    if "kernels" in cases:
+    if case == "kernels":
         results |= {f"kernels.{name}": values for name, values in sample_kernels().items()}
     np.savez(target, **results)
 

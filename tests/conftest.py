@@ -1,4 +1,5 @@
 """Fixtures that several test files share."""
+import functools
 import gc
 import os
 import shutil
@@ -136,31 +137,37 @@ def circle() -> dict[str, np.ndarray]:
     return cavity("circle", RADIUS)
 
 
-@pytest.fixture(scope="module")
-def bare(taichi, circle):
-    """Return a solver without any effect in the circle, and its state at rest."""
-    from cavities import build
+def _bare():
+    from cavities import RADIUS, build, cavity
 
-    solver = build(circle)
+    solver = build(cavity("circle", RADIUS))
     return solver, solver.state()
+
+
+@pytest.fixture
+def bare(taichi):
+    """Return a solver without any effect in the circle, and its state at rest."""
+    from cavities import shared
+
+    return shared(_bare)
 
 
 @pytest.fixture(scope="session")
 def elsewhere(circle, tmp_path_factory):
-    """Return a function that advances cases of ``cavities`` in a process of its own and returns their results."""
+    """Return a function that advances a case of ``cavities`` in a process of its own and returns its results."""
     folder = tmp_path_factory.mktemp("elsewhere")
     np.savez(folder / "circle.npz", **circle)
 
-    def advanced(precision: str, threads: int, *cases: str) -> dict[str, np.ndarray]:
-        target = folder / f"{precision}_{threads}.npz"
+    def advanced(precision: str, threads: int, case: str) -> dict[str, np.ndarray]:
+        target = folder / f"{precision}_{threads}_{case}.npz"
         subprocess.run([sys.executable, "tests/cavities.py", precision, str(threads), folder / "circle.npz", target,
-                        *cases], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+                        case], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
         return dict(np.load(target))
 
     return advanced
 
 
 @pytest.fixture(scope="session")
-def single_precision(elsewhere) -> dict[str, np.ndarray]:
-    """Return the results of all cases of ``cavities`` in single precision."""
-    return elsewhere("f32", 0, "kernels", "tank", "injection")
+def single_precision(elsewhere):
+    """Return a function that returns the results of a case of ``cavities`` in single precision."""
+    return functools.partial(elsewhere, "f32", 0)

@@ -14,6 +14,7 @@ from pipeline.effect_costs import COLUMNS, absent, add_up, page_of
 from pipeline.scenes.load import load_scene
 from sim import profiling as costs
 from sim.effects import REGISTRY
+from sim.runtime import restart
 
 pytestmark = pytest.mark.usefixtures("taichi")
 STEPS = 2
@@ -46,6 +47,7 @@ def runs(taichi):
 
 def run(cavity, names) -> Run:
     """Advance a solver with some effects and read off what it cost."""
+    restart()
     before, known = costs.allocated(), {handle for _, handle, _ in costs.compiled_kernels()}
     called, call = set(), Func.__call__
 

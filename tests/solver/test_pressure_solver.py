@@ -50,10 +50,8 @@ class Reference:
         return operator / np.repeat(inverse_weight, self.dimension) @ operator.T
 
 
-@pytest.fixture(scope="module", params=[(2, 4.5e-3), (3, 2.6e-3)], ids=["circle", "sphere"])
-def state(request):
+def at_rest(dimension: int, radius: float):
     """Return a solver of two liquids of 2:1 at rest between walls, with unequal volumes, and its matrices."""
-    dimension, radius = request.param
     solver = cavities.build(cavities.cavity("circle", radius, dimension), liquids=LIQUIDS)
     volume, mass = cavities.read(solver, "volume", "mass")
     factor = np.random.default_rng(5).uniform(0.7, 1.4, len(volume))
@@ -62,6 +60,16 @@ def state(request):
     solver.prepare_rest_state()
     solver.scheme.operators.update_diagonals(0.0)
     return solver, solver.scheme.pressure_solver, Reference(solver)
+
+
+@pytest.fixture(scope="module", params=[(2, 4.5e-3), (3, 2.6e-3)], ids=["circle", "sphere"])
+def cavity_size(request):
+    return request.param
+
+
+@pytest.fixture
+def state(taichi, cavity_size):
+    return cavities.shared(at_rest, *cavity_size)
 
 
 def assembled(solver, pressure_solver, weighted):
@@ -190,8 +198,8 @@ def test_friction_of_the_wall_counts_as_mass():
     dt = 0.01
     viscosity = cavities.parameters("viscosity_implicit", explicit_if_cheaper=False)
     for form in ("central", "laplacian", "strain"):
-        solver = cavities.build(cavities.cavity("circle", 4.5e-3), liquids=VISCOUS,
-                                effects=(dataclasses.replace(viscosity, form=form),))
+        solver = cavities.anew(cavities.build, cavities.cavity("circle", 4.5e-3), liquids=VISCOUS,
+                               effects=(dataclasses.replace(viscosity, form=form),))
         solver.effects[0].correct_velocity(dt)
         solver.scheme.operators.update_diagonals(dt)
         reference, (friction,) = Reference(solver), cavities.read(solver, "wall_friction")

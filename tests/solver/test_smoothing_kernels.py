@@ -7,7 +7,7 @@ from kernel_samples import CASES, sample_kernels
 @pytest.fixture(scope="module")
 def samples(taichi, single_precision):
     return {"f64": sample_kernels(), "f32": {name.removeprefix("kernels."): values
-                                             for name, values in single_precision.items() if "kernels." in name}}
+                                             for name, values in single_precision("kernels").items()}}
 
 
 @pytest.fixture(params=[f"{kernel.__name__}-{dimension}D-{support}" for kernel, dimension, support in CASES])

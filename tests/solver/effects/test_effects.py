@@ -32,11 +32,15 @@ def everything(values):
     return tuple(cavities.parameters(name, **values[name]) for name in REGISTRY)
 
 
-@pytest.fixture(scope="module")
-def whole(small_circle):
+def with_everything():
+    return cavities.build(cavities.cavity("circle", RADIUS), effects=everything(ACTIVE),
+                          liquids=(THIN, THICK, DROPLETS), viscosity_tolerance=1e-10)
+
+
+@pytest.fixture
+def whole(taichi):
     """Return a solver with every effect, which the tests give particles of their own."""
-    return cavities.build(small_circle, effects=everything(ACTIVE), liquids=(THIN, THICK, DROPLETS),
-                          viscosity_tolerance=1e-10)
+    return cavities.shared(with_everything)
 
 
 @pytest.fixture
@@ -130,40 +134,6 @@ def test_host_hooks_conserve_mass_momentum_and_volume(solver, name):
         assert spin_after == pytest.approx(spin_before, abs=1e-9 * scale[2] * RADIUS)
     if effect.overrides("correct_velocity") or name in EXCHANGES:
         assert not np.array_equal(cavities.read(solver, "velocity")[0], velocity)
-
-
-def stirred(solver):
-    """Return the fields after some steps from a swirl with noise."""
-    (position,) = cavities.read(solver, "position")
-    noise = np.random.default_rng(7).normal(scale=0.02, size=position.shape)
-    solver.particles.from_numpy("velocity", 5.0 * position[:, ::-1] * [-1.0, 1.0] + noise)
-    for _ in range(5):
-        solver.step()
-    return {name: values for name, values in solver.state().items() if "particles." in name}
-
-
-BASE = ("gravity", "viscosity_implicit")
-
-
-@pytest.mark.parametrize(("base", "liquids", "continued"), [
-    ((), INVISCID, False), (BASE, (THIN, THICK, DROPLETS), True)], ids=["alone", "beside others, after mixing"])
-def test_zero_coefficients_equal_absence(circle, base, liquids, continued):
-    """Liquid moves with all effects at zero as without, bit by bit; whatever is at work beside them.
-
-    Injection has no coefficient and waits for its start; that of the viscosities belongs to the liquids. All others are
-    left out (tests/solver/test_effect_selection.py); those that mix stay after a scene that has mixed the liquids.
-    """
-    def moved(values):
-        effects = tuple(cavities.parameters(name, **one) for name, one in values.items())
-        return stirred(cavities.build(circle, effects=effects, liquids=liquids, continued=continued))
-
-    expected = moved({name: ACTIVE[name] for name in base})
-    assert np.abs(expected["particles.velocity"]).max() > 0.01
-    skipped = {"viscosity", "viscosity_implicit", "gravity"} if base else set()
-    found = moved({name: ACTIVE[name] for name in base} | {
-        name: values for name, values in ZERO.items() if name not in skipped})
-    for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("name", REGISTRY)
@@ -324,18 +294,6 @@ def test_a_lone_particle_moves_as_what_surrounds_it_allows(solver, name):
     assert (slowed >= 4.0 / 6.0).all() and (slowed <= 1.0).all()
 
 
-def test_a_film_on_the_wall_keeps_its_own_viscosity(small_circle):
-    """A layer of aqueous one particle thick, under oil a thousand times as viscous, slides as the thin liquid it is."""
-    solver = cavities.build(small_circle, effects=(cavities.parameters("viscosity_implicit"),),
-                            phase=lambda x: np.linalg.norm(x, axis=1) < RADIUS - SPACING)
-    solver.search.build()
-    effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
-    phase, felt = cavities.read(solver, "phase", "dynamic_viscosity")
-    film = phase == 0
-    assert 0.1 * len(film) < film.sum() < 0.4 * len(film)
-    np.testing.assert_array_equal(felt[film], cavities.AQUEOUS.dynamic_viscosity)
-
-
 # Forms of the implicit viscosity.
 
 FORMS = ("central", "laplacian", "strain")
@@ -362,11 +320,12 @@ def viscous_forces(effect, velocity) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=FORMS)
-def viscous_matrix(request, whole):
+def viscous_matrix(request, taichi):
     """Return form, positions, and the matrix K with free slip, K with no slip, and the diagonal that goes with it.
 
     A drop of oil three times as viscous, a splash of it elsewhere, and unequal volumes.
     """
+    whole = cavities.shared(with_everything)
     (position,) = cavities.read(whole, "position")
     phase = np.linalg.norm(position, axis=1) < 0.5 * RADIUS
     phase[position[:, 0].argmax()] = True
@@ -465,23 +424,6 @@ def test_adhesion_spline(solver):
     np.testing.assert_allclose(value.to_numpy(), expected, rtol=0.0, atol=1e-3 * expected.max())
 
 
-@pytest.mark.parametrize("liquid", [None, "oil"])
-def test_adhesion_pulls_its_liquid_to_the_wall(small_circle, liquid):
-    """Only within the support of the wall, along its normal, and only the liquid that was named."""
-    solver = cavities.build(small_circle, effects=(cavities.parameters("adhesion", beta=5.0, liquid=liquid),),
-                            liquids=INVISCID, phase=lambda x: x[:, 0] > 0.0)
-    solver.step()
-    position, acceleration = cavities.read(solver, "position", "acceleration")
-    oil = solver.particles.to_numpy("phase") == 1
-    distance = np.linalg.norm(position, axis=1)
-    outward = (acceleration * position).sum(axis=1) / distance
-    pulled = (RADIUS - distance < 0.6 * SUPPORT) & (oil | (liquid is None))
-    assert (outward[pulled] > 0.0).all()
-    along = np.linalg.norm(acceleration - outward[:, None] * position / distance[:, None], axis=1)
-    assert along[pulled].mean() < 0.2 * outward[pulled].mean()
-    assert (acceleration[(RADIUS - distance > 1.1 * SUPPORT) | (~oil & (liquid is not None))] == 0.0).all()
-
-
 def test_tension_of_cohesion_is_shared_by_two_liquids():
     """gamma rho^2 is the same for both; a liquid alone has twice as much, times the k of an interface of two."""
     numerics = Numerics(particle_spacing=SPACING)
@@ -570,6 +512,82 @@ def test_tension_fades_as_the_liquids_mix(solver, name):
     assert abs(none) < (0.1 if name != "interface_tension" else 1e-9) * abs(sharp)
 
 
+def test_mixed_particles_have_the_viscosity_of_the_mixture(solver):
+    """exp(sum of fraction ln mu), here the geometric mean."""
+    count = solver.count[None]
+    solver.particles.from_numpy("volume_fraction", np.tile([0.5, 0.5, 0.0], (count, 1)))
+    effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
+    expected = np.sqrt(THIN.dynamic_viscosity * THICK.dynamic_viscosity)
+    np.testing.assert_allclose(cavities.read(solver, "dynamic_viscosity")[0], expected, rtol=1e-12)
+
+
+# Solvers of their own, after all that share the one with every effect: Taichi starts anew for each.
+
+def stirred(solver):
+    """Return the fields after some steps from a swirl with noise."""
+    (position,) = cavities.read(solver, "position")
+    noise = np.random.default_rng(7).normal(scale=0.02, size=position.shape)
+    solver.particles.from_numpy("velocity", 5.0 * position[:, ::-1] * [-1.0, 1.0] + noise)
+    for _ in range(5):
+        solver.step()
+    return {name: values for name, values in solver.state().items() if "particles." in name}
+
+
+BASE = ("gravity", "viscosity_implicit")
+
+
+@pytest.mark.parametrize(("base", "liquids", "continued"), [
+    ((), INVISCID, False), (BASE, (THIN, THICK, DROPLETS), True)], ids=["alone", "beside others, after mixing"])
+def test_zero_coefficients_equal_absence(circle, base, liquids, continued):
+    """Liquid moves with all effects at zero as without, bit by bit; whatever is at work beside them.
+
+    Injection has no coefficient and waits for its start; that of the viscosities belongs to the liquids. All others are
+    left out (tests/solver/test_effect_selection.py); those that mix stay after a scene that has mixed the liquids.
+    """
+    def moved(values):
+        effects = tuple(cavities.parameters(name, **one) for name, one in values.items())
+        return stirred(cavities.anew(cavities.build, circle, effects=effects, liquids=liquids, continued=continued))
+
+    expected = moved({name: ACTIVE[name] for name in base})
+    assert np.abs(expected["particles.velocity"]).max() > 0.01
+    skipped = {"viscosity", "viscosity_implicit", "gravity"} if base else set()
+    found = moved({name: ACTIVE[name] for name in base} | {
+        name: values for name, values in ZERO.items() if name not in skipped})
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+@pytest.mark.usefixtures("anew")
+def test_a_film_on_the_wall_keeps_its_own_viscosity(small_circle):
+    """A layer of aqueous one particle thick, under oil a thousand times as viscous, slides as the thin liquid it is."""
+    solver = cavities.build(small_circle, effects=(cavities.parameters("viscosity_implicit"),),
+                            phase=lambda x: np.linalg.norm(x, axis=1) < RADIUS - SPACING)
+    solver.search.build()
+    effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
+    phase, felt = cavities.read(solver, "phase", "dynamic_viscosity")
+    film = phase == 0
+    assert 0.1 * len(film) < film.sum() < 0.4 * len(film)
+    np.testing.assert_array_equal(felt[film], cavities.AQUEOUS.dynamic_viscosity)
+
+
+@pytest.mark.usefixtures("anew")
+@pytest.mark.parametrize("liquid", [None, "oil"])
+def test_adhesion_pulls_its_liquid_to_the_wall(small_circle, liquid):
+    """Only within the support of the wall, along its normal, and only the liquid that was named."""
+    solver = cavities.build(small_circle, effects=(cavities.parameters("adhesion", beta=5.0, liquid=liquid),),
+                            liquids=INVISCID, phase=lambda x: x[:, 0] > 0.0)
+    solver.step()
+    position, acceleration = cavities.read(solver, "position", "acceleration")
+    oil = solver.particles.to_numpy("phase") == 1
+    distance = np.linalg.norm(position, axis=1)
+    outward = (acceleration * position).sum(axis=1) / distance
+    pulled = (RADIUS - distance < 0.6 * SUPPORT) & (oil | (liquid is None))
+    assert (outward[pulled] > 0.0).all()
+    along = np.linalg.norm(acceleration - outward[:, None] * position / distance[:, None], axis=1)
+    assert along[pulled].mean() < 0.2 * outward[pulled].mean()
+    assert (acceleration[(RADIUS - distance > 1.1 * SUPPORT) | (~oil & (liquid is not None))] == 0.0).all()
+
+
 # Diffusion.
 
 COEFFICIENT = 1e-5
@@ -655,12 +673,3 @@ def test_diffusion_conserves_and_stays_in_range(diffusing):
     assert all(np.diff(spread) < 0.0)
     # The exchange carries momentum, and never makes kinetic energy.
     assert (cavities.read(solver, "velocity")[0] ** 2).sum() < energy
-
-
-def test_mixed_particles_have_the_viscosity_of_the_mixture(solver):
-    """exp(sum of fraction ln mu), here the geometric mean."""
-    count = solver.count[None]
-    solver.particles.from_numpy("volume_fraction", np.tile([0.5, 0.5, 0.0], (count, 1)))
-    effect_of(solver, "viscosity_implicit").correct_velocity(1e-6)
-    expected = np.sqrt(THIN.dynamic_viscosity * THICK.dynamic_viscosity)
-    np.testing.assert_allclose(cavities.read(solver, "dynamic_viscosity")[0], expected, rtol=1e-12)

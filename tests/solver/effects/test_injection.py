@@ -19,7 +19,7 @@ FILL = 0.25
 @pytest.fixture(scope="module")
 def runs(circle, single_precision):
     return {"f64": cavities.watched(cavities.injected(circle, "f64")),
-            "f32": {name.removeprefix("injection."): values for name, values in single_precision.items()
+            "f32": {name.removeprefix("injection."): values for name, values in single_precision("injection").items()
                     if name.startswith("injection.")}}
 
 
