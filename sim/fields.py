@@ -6,7 +6,7 @@ import numpy as np
 import taichi as ti
 
 from sim.errors import OutOfRoom
-from sim.runtime import real
+from sim.runtime import real, real_numpy
 
 COPIED_AT_ONCE = 1024  # rows
 
@@ -110,20 +110,16 @@ class ParticleStore:
         return sum(width[f.kind] for f in self.declared.values()) * self.capacity
 
     @ti.kernel
-    def _gather(self, source: ti.template(), target: ti.template()):
+    def _reorder(self, array: ti.template(), buffer: ti.template()):
         for i in range(self.count[None]):
-            target[i] = source[self.order[i]]
-
-    @ti.kernel
-    def _copy(self, source: ti.template(), target: ti.template()):
+            buffer[i] = array[self.order[i]]
         for i in range(self.count[None]):
-            target[i] = source[i]
+            array[i] = buffer[i]
 
     def reorder(self) -> None:
         """Apply the permutation `order` to every carried field."""
         for array, buffer in zip(self.carried, self.buffers, strict=True):
-            self._gather(array, buffer)
-            self._copy(buffer, array)
+            self._reorder(array, buffer)
 
     @ti.kernel
     def _copy_rows(self, array: ti.template(), number: int):
@@ -169,7 +165,7 @@ class ParticleStore:
 
     def from_numpy(self, name: str, values: np.ndarray) -> None:
         """Set the entries in use of one field; `values` has `count` rows."""
-        array = self.arrays[name]
-        full = array.to_numpy()
+        kind = np.int32 if self.declared[name].kind == "integer" else real_numpy()
+        full = np.zeros((self.capacity, *np.shape(values)[1:]), kind)
         full[: len(values)] = values
-        array.from_numpy(full)
+        self.arrays[name].from_numpy(full)

@@ -14,6 +14,7 @@ from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import TankParameters, advance, scene_solver
 from sim.effects.interface_tension import capillary_limit
 from sim.parameters import parameter
+from sim.runtime import restart
 
 FIGURES = (Figure("step_size", "Oil coming to rest in the eye", "time / s", "rise of the aqueous / mm"),)
 
@@ -37,6 +38,7 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     outcome, curves = Outcome(), {}
     limit = capillary_limit(scene.effects["interface_tension"].coefficient, scene.settings())
     for factor in case.capillary_steps:
+        restart()  # the kernels of the solver before are found again, and its memory is free
         numerics = dataclasses.replace(scene.numerics, maximum_time_step=factor * limit)
         solver = scene_solver(case, dataclasses.replace(scene, numerics=numerics), numerics.particle_spacing)
         result = advance(solver, case.duration, f"[{factor:g} capillary limits]", height_of_aqueous)
