@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.measures.coverage import WallContact
 
-AVERAGED = 2.5          # particle spacings over which the labels of wall points are averaged
+AVERAGED = 3.0          # particle spacings over which the labels of wall points are averaged
 FAR = 1.0               # m, distance to an edge where there is none
 
 
