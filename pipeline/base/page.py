@@ -89,6 +89,11 @@ def bold(text: str) -> Markup:
     return Markup("<b>{}</b>").format(text)
 
 
+def link(text: str, address: str) -> Markup:
+    """Return a text that leads to an address, relative to the page."""
+    return Markup('<a href="{}">{}</a>').format(address, text)
+
+
 def bullets(items: Sequence[str]) -> Markup:
     """Return a list; empty without items."""
     return Markup("<ul>{}</ul>").format(Markup().join(map(Markup("<li>{}</li>").format, items))) if items else Markup()
