@@ -28,6 +28,7 @@ GRAVITY = 9.81
 HEAD_UP = "head_up_45"                      # the patient leans back by half a right angle
 POSTURES = ("upright", HEAD_UP, "supine", "prone", "left_side", "right_side")
 ARC_TOLERANCE, SHARE_TOLERANCE = 3.0, 1.2   # deg, points: of 2,562 directions, as in test_rest.py
+FILLS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98)
 CHECKED = (0.8, 0.95)                       # fills at which more directions are tried
 MAP_SIZE = 168                              # pixels
 SHELLS = 40                                 # of the aqueous, along a ray
@@ -46,9 +47,10 @@ class Parameters:
     aqueous_density: float = parameter(1005.0, unit="kg/m**3", exclusive_minimum=0.0, meaning="density of the aqueous")
     axial_length: float = parameter(0.024, unit="m", minimum=0.02, maximum=0.03, meaning="cornea to retina")
     radius: float = parameter(0.011, unit="m", exclusive_minimum=0.0, meaning="radius of the sphere beside the eye")
-    fills: tuple[float, ...] = parameter(minimum=0.5, maximum=0.98, meaning="shares of the cavity that are filled")
+    fills: tuple[float, ...] = parameter(FILLS, minimum=0.5, maximum=0.98, meaning="shares of the cavity filled")
     postures: tuple[str, ...] = parameter(POSTURES, choices=POSTURES, meaning="postures of the patient")
     maps: bool = parameter(False, meaning="draw the maps of the fundus")
+    UNNAMED = ("density", "tension", "contact_angle", "maps")
 
     def liquids(self, angle: float) -> Liquids:
         """Return what decides where it rests, at a contact angle in degrees."""
