@@ -84,7 +84,8 @@ class FundusMap:
         stripe = np.arange(size[0])[None, :] + np.arange(size[1])[:, None]
         self._hatch = ((stripe / (HATCH * self.unit)) % 2 < 1)[self.inside]
 
-    def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None, marks=()) -> Image.Image:
+    def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None,
+             marks=()) -> Image.Image:
         """Map of one frame.
 
         Parameters
@@ -97,7 +98,7 @@ class FundusMap:
         distance = self._at_pixels(wall.point_data["contact_distance"])
         covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
         colors = colors_of(np.where(distance > 0.0, covered, bare))
-        reach = uncertain if np.isscalar(uncertain) else self._at_pixels(uncertain)
+        reach = self._at_pixels(uncertain) if isinstance(uncertain, np.ndarray) else uncertain
         doubtful = (np.abs(distance) < reach) & self._hatch
         colors[doubtful] = np.where(distance[doubtful, None] > 0.0, BARE, COVERED)
         pixels = np.full((self.size[1], self.size[0], 3), 255, np.uint8)

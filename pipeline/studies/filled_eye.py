@@ -18,8 +18,16 @@ from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.planning.settings import postures
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.filled_eye_page import (AQUEOUS, PARTS, SHARES, SPHERE, TAMPONADES, WHOLE_SPHERE, as_png_file,
-                                                fundus_picture)
+from pipeline.study_kit.filled_eye_page import (
+    AQUEOUS,
+    PARTS,
+    SHARES,
+    SPHERE,
+    TAMPONADES,
+    WHOLE_SPHERE,
+    as_png_file,
+    fundus_picture,
+)
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.young_laplace import Profile, oil_at_rest
 from sim.parameters import parameter
@@ -149,9 +157,9 @@ def _course(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, 
     shares = np.array([[_shares(Contact.of(rest), masks) for rest in one] for one in rests])
     settled = np.array([[rest.settled for rest in one] for one in rests])
     energy = np.where(settled, [[rest.energy for rest in one] for one in rests], np.inf)
-    chosen, fill = energy.argmin(axis=0), np.arange(len(fills))
+    chosen = energy.argmin(axis=0)
     shares[~settled] = np.nan
-    return Course([rests[which][n] for n, which in enumerate(chosen)], shares, shares[chosen, fill])
+    return Course([rests[which][n] for n, which in enumerate(chosen)], shares, shares[chosen, np.arange(len(fills))])
 
 
 def _error(case: Parameters, finer: StarCavity, down: np.ndarray, course: Course) -> np.ndarray:

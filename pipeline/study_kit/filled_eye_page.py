@@ -127,23 +127,24 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
              *(str(shares.at(tamponade, posture, shares.shown, part)) for part in PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
     upright = [number for number, row in enumerate(rows) if row[1] == "upright"]
+    picture = "Covered share of the retina and of its inferior half against the fill, patient upright"
     return [
         page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
         page.paragraph(page.bold(headline(shares))),
         page.paragraph(description, "The rest is aqueous. Shares are of the area of the retina, in percent."),
-        page.picture(curves, "Covered share of the retina and of its inferior half against the fill, patient upright"),
-        page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a sphere "
-                       "of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
+        page.picture(curves, picture),
+        page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a "
+                       "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
         page.section(f"What a fill of {shares.shown:g} % touches"),
         page.table(heads, rows, words=(1,), marked=upright),
-        page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right eye: "
-                       "in the left-side posture the left, nasal side of the right eye is below. Other fills are in",
+        page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right "
+                       "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
                        page.link("shares.csv", "shares.csv"), "."),
         page.section("Light oil, posture by posture"),
         page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
-        page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, then equator "
-                       "and ora serrata; temporal is on the left. Yellow is touched, blue is not; hatched where contact "
-                       "angles do not agree."),
+        page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
+                       "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; hatched where "
+                       "the contact angles do not agree."),
         page.section("Beside what was published"),
         page.bullets(anchors(shares)),
         page.section("What was assumed"),
@@ -168,8 +169,8 @@ def front_edges(shares: Shares) -> str:
     name = shares.tamponades[0]
     front = shares.at(name, "upright", shares.shown, AQUEOUS).value
     eye, sphere = (shares.at(name, posture, shares.shown, "retina") for posture in ("upright", SPHERE))
-    return (f"The eye is no sphere: the edges in front, where globe, ciliary body and lens meet, hold aqueous by its tension "
-            f"({front:.0f} % of the aqueous is before the equator at {shares.shown:g} %, in a sphere half of it), so that "
+    return (f"The eye is no sphere: its front edges, where globe, ciliary body and lens meet, hold aqueous "
+            f"({front:.0f} % of it is before the equator at a fill of {shares.shown:g} %, in a sphere half), so that "
             f"{TAMPONADES[name]} touches {eye.value:.0f} % of the retina, in the sphere {sphere.value:.0f} %.")
 
 
@@ -179,8 +180,8 @@ def anchors(shares: Shares) -> list[str]:
     if shares.knows(("gas", "upright", 80.0), ("light_oil", "upright", 80.0)):
         gas, oil = (shares.at(name, "upright", 80.0, "retina").value for name in ("gas", "light_oil"))
         arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
-        found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, fill 80 %: "
-                     f"{arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the retina.")
+        found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
+                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the retina.")
     places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
@@ -189,17 +190,17 @@ def anchors(shares: Shares) -> list[str]:
         macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula').value:.0f} %"
                            for posture in places)
         inferior, superior = (shares.at("light_oil", "upright", 90.0, part).value for part in ("inferior", "superior"))
-        found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and supine "
-                  f"(Rossi et al. 2021, computed by others). Here: {words}.",
+        found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and "
+                  f"supine (Rossi et al. 2021, computed by others). Here: {words}.",
                   f"The macula was touched whole only when standing (the same). Here at 90 %: {macula}.",
-                  f"The superior retina always has better contact, and at 90 % the inferior one remains hard to reach (the "
-                  f"same). Here, upright: {superior:.0f} and {inferior:.0f} %."]
+                  f"The superior retina always has better contact, and at 90 % the inferior one remains hard to reach "
+                  f"(the same). Here, upright: {superior:.0f} and {inferior:.0f} %."]
     if len(shares.lengths) > 1:
         light = [f"{shares.at('light_oil', 'upright', shares.shown, 'retina', length).value:.1f} % at {length} mm"
                  for length in shares.lengths]
-        found += [f"Model eyes of 19 and 25 mm did not differ (Hillier et al. 2011), and in long, myopic eyes the share was "
-                  f"smaller (Isakova et al. 2017, computed by others). Here, {shares.shown:g} % of light oil, upright: "
-                  f"{', '.join(light)}."]
+        found += [f"Model eyes of 19 and 25 mm did not differ (Hillier et al. 2011), and in long, myopic eyes the "
+                  f"share was smaller (Isakova et al. 2017, computed by others). Here, {shares.shown:g} % of light oil, "
+                  f"upright: {', '.join(light)}."]
     return found
 
 
@@ -211,11 +212,11 @@ def _arc(shares: Shares, tamponade: str, fill: float) -> float:
 
 def _assumed(outcomes: Sequence[Outcome]) -> list[str]:
     return [*dict.fromkeys(remark for outcome in outcomes for remark in outcome.remarks),
-            "Density, tension, contact angle and the shape of the eye decide; viscosity does not. The head rests, and the "
-            "tamponade is one body.",
+            "Density, tension, contact angle and the shape of the eye decide; viscosity does not. The head rests, and "
+            "the tamponade is one body.",
             "An average eye: retina attached and smooth, no buckle, no staphyloma, nothing in the anterior chamber.",
-            "Fill is a share of the volume behind the lens, not of its height. Retina: up to 115 degrees from the posterior "
-            "pole. Macula: a disc of 5.5 mm."]
+            "Fill is a share of the volume behind the lens, not of its height. Retina: up to 115 degrees from the "
+            "posterior pole. Macula: a disc of 5.5 mm."]
 
 
 def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
@@ -225,7 +226,8 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
         rows = [row for outcome in outcomes for row in outcome.rows
                 if outcome.tables["shares"][1][:2] == [tamponade, shares.length]]
         arcs, walls = ([row for row in rows if row.quantity == name] for name in ("arc of contact", "covered wall"))
-        examples = [f"{arc.value:.0f} for {arc.reference:.0f} degrees, {wall.value:.0f} for {wall.reference:.0f} % at {arc.at}"
+        examples = [f"{arc.at}: {arc.value:.0f} for {arc.reference:.0f} degrees, {wall.value:.0f} for "
+                    f"{wall.reference:.0f} %"
                     for arc, wall in zip(arcs, walls, strict=True) if arc.at.split()[-2] in ("80", "90")]
         items.append(f"{TAMPONADES[tamponade]} in a sphere, exact solution of Young and Laplace: the arc is at most "
                      f"{max(row.error or 0.0 for row in arcs):.1f} degrees off, the covered wall "
@@ -233,11 +235,11 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
                      + (f" ({'; '.join(examples)})." if examples else "."))
     changes = [row.value for outcome in outcomes for row in outcome.rows if row.quantity.startswith("largest change")]
     return [*items,
-            page.paragraph(f"Four times as many directions change a covered share by at most {max(changes):.1f} points; the "
-                           f"range holds that, for each posture and part. In the eye, at 85 % of light oil, the method was at "
-                           f"most 0.4 points off another program:", page.link("docs/methods/equilibrium.md", METHOD), "."),
-            page.bold("Not validated:") + " against patients, or against an experiment in a real eye. Tension and contact angle "
-            "in an operated eye, with protein and blood, are not known."]
+            page.paragraph(f"Computation: four times as many directions change a covered share by at most "
+                           f"{max(changes):.1f} points; the range holds that, for each posture and part. In the eye, "
+                           f"at 85 % of light oil, the method was at most 0.4 points off another program:", page.link("docs/methods/equilibrium.md", METHOD), "."),
+            page.bold("Not validated:") + " against patients, or against an experiment in a real eye. Tension and contact "
+            "angle in an operated eye, with protein and blood, are not known."]
 
 
 def _curves(shares: Shares) -> bytes:
@@ -266,7 +268,8 @@ def _curves(shares: Shares) -> bytes:
     return buffer.getvalue()
 
 
-def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str], fills: Sequence[float]) -> Image.Image:
+def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str],
+                   fills: Sequence[float]) -> Image.Image:
     """Return maps, a row for every posture and a column for every fill, as one picture."""
     width, height = maps[0][0].size
     image = Image.new("RGB", (SIDE + len(fills) * (width + GAP), HEAD + len(postures) * (height + GAP)), "white")

@@ -42,7 +42,8 @@ def shares(outcomes) -> Shares:
 
 def test_gas_touches_more_than_oil_and_a_larger_fill_more_than_a_smaller_one(shares):
     for part in ("retina", "inferior", "superior", "before_equator"):
-        oil, gas = ([shares.at(name, "upright", fill, part).value for fill in shares.fills] for name in ("light_oil", "gas"))
+        oil, gas = ([shares.at(name, "upright", fill, part).value for fill in shares.fills]
+                    for name in ("light_oil", "gas"))
         assert (np.diff(oil) > 0.0).all() and (np.diff(gas) >= 0.0).all(), part
     for fill in (70.0, 80.0):
         assert shares.at("gas", "upright", fill, "retina").low > shares.at("light_oil", "upright", fill, "retina").value
@@ -85,7 +86,8 @@ def test_densities_are_those_of_the_liquids(study):
 
 def test_the_page_is_written_with_its_table_and_pictures(study, outcomes, tmp_path):
     case = study.case("filled_eye-light_oil-0.024")
-    drawn = case.family.run(dataclasses.replace(case.parameters, fills=(0.85,), postures=("left_side",), other_angles=()))
+    drawn = case.family.run(dataclasses.replace(case.parameters, fills=(0.85,), postures=("left_side",),
+                                                other_angles=()))
     folders = []
     for name, outcome in outcomes.items():
         outcome.pictures |= drawn.pictures
