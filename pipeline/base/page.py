@@ -75,8 +75,13 @@ def page(title: str, parts: Iterable[str], heading: str = "", path: Path | None 
 
 def paragraph(*sentences: str) -> Markup:
     """Return a paragraph of sentences; empty without any."""
-    text = Markup(" ").join(sentence for sentence in sentences if sentence)
+    text = joined(*sentences)
     return Markup("<p>{}</p>").format(text) if text else Markup()
+
+
+def joined(*sentences: str) -> Markup:
+    """Return sentences as one text."""
+    return Markup(" ").join(sentence for sentence in sentences if sentence)
 
 
 def section(text: str) -> Markup:

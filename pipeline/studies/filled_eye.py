@@ -20,8 +20,10 @@ from pipeline.planning.settings import postures
 from pipeline.scenes.model import Eye
 from pipeline.study_kit.filled_eye_page import (
     AQUEOUS,
+    MODEL_ARC,
     PARTS,
     SHARES,
+    SHOWN,
     SPHERE,
     TAMPONADES,
     WHOLE_SPHERE,
@@ -39,6 +41,7 @@ ARC_TOLERANCE, SHARE_TOLERANCE = 3.0, 1.2   # deg, points: of 2,562 directions, 
 FILLS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98)
 CHECKED = (0.8, 0.95)                       # fills at which more directions are tried
 MAP_SIZE = 168                              # pixels
+MODEL_EYES = (9.5e-3, 12.5e-3)             # m, radii
 SHELLS = 40                                 # of the aqueous, along a ray
 
 
@@ -92,6 +95,7 @@ def run(case: Parameters) -> Outcome:
     lines = [[*at, SPHERE, f"{100 * fill:g}", part, *_cells(share, share, share)]
              for fill, profile in zip(case.fills, exact, strict=True)
              for part, share in (_in_sphere(case, sphere, profile) | {WHOLE_SPHERE: profile.coverage}).items()]
+    outcome.rows += _model_eyes(case)
     pictures = []
     for posture in case.postures:
         masks, down = parts_of(cavity), down_of(posture)
@@ -191,6 +195,14 @@ def _sphere(case: Parameters, exact: list[Profile], outcome: Outcome) -> tuple[S
             Row("covered wall", 100 * contact.share(), "%", at, 100 * profile.coverage, 100 * errors[-1],
                 SHARE_TOLERANCE)]
     return sphere, max(errors)
+
+
+def _model_eyes(case: Parameters) -> list[Row]:
+    """Arcs in spheres as small and as large as the model eyes of [hillier2011, abstract]."""
+    fill = case.fills[_nearest(case.fills, [0.01 * SHOWN])[0]]
+    constant = abs(case.aqueous_density - case.density) * GRAVITY / case.tension
+    return [Row(MODEL_ARC, oil_at_rest(fill, np.radians(case.contact_angle), constant, radius, 3).arc, "deg",
+                at=f"sphere of {2e3 * radius:g} mm, fill {100 * fill:g} %") for radius in MODEL_EYES]
 
 
 def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[str, float]:

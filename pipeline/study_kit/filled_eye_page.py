@@ -28,6 +28,7 @@ SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
+MODEL_ARC = "exact arc of contact of a model eye"
 METHOD = "../../../../docs/methods/equilibrium.md"  # from outputs/studies/<study>/<level>
 HEAD, SIDE, GAP = 54, 118, 6    # pixels of the picture of maps: above, at the left, between
 
@@ -139,14 +140,14 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
         page.table(heads, rows, words=(1,), marked=upright),
         page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right "
                        "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
-                       page.link("shares.csv", "shares.csv"), "."),
+                       page.link("shares.csv", "shares.csv")),
         page.section("Light oil, posture by posture"),
         page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
         page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
-                       "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; hatched where "
-                       "the contact angles do not agree."),
+                       "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
+                       "hatched where the contact angles do not agree."),
         page.section("Beside what was published"),
-        page.bullets(anchors(shares)),
+        page.bullets(anchors(shares, outcomes)),
         page.section("What was assumed"),
         page.bullets(_assumed(outcomes)),
         page.section("What was validated, and what was not"),
@@ -174,14 +175,15 @@ def front_edges(shares: Shares) -> str:
             f"{TAMPONADES[name]} touches {eye.value:.0f} % of the retina, in the sphere {sphere.value:.0f} %.")
 
 
-def anchors(shares: Shares) -> list[str]:
+def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
     """Return what was published, and what is found here."""
     found = []
     if shares.knows(("gas", "upright", 80.0), ("light_oil", "upright", 80.0)):
         gas, oil = (shares.at(name, "upright", 80.0, "retina").value for name in ("gas", "light_oil"))
         arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
         found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
-                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the retina.")
+                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the "
+                     f"retina of the eye.")
     places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
@@ -198,9 +200,11 @@ def anchors(shares: Shares) -> list[str]:
     if len(shares.lengths) > 1:
         light = [f"{shares.at('light_oil', 'upright', shares.shown, 'retina', length).value:.1f} % at {length} mm"
                  for length in shares.lengths]
-        found += [f"Model eyes of 19 and 25 mm did not differ (Hillier et al. 2011), and in long, myopic eyes the "
-                  f"share was smaller (Isakova et al. 2017, computed by others). Here, {shares.shown:g} % of light oil, "
-                  f"upright: {', '.join(light)}."]
+        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows if row.quantity == MODEL_ARC}
+        spheres = ", ".join(f"{value:.0f} degrees in a {at}" for at, value in sorted(arc.items()))
+        found += [f"Model eyes of 19 and 25 mm did not differ with oil (Hillier et al. 2011). Here, exact: {spheres}.",
+                  f"In long, myopic eyes the share was smaller (Isakova et al. 2017, computed by others). Here, "
+                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}."]
     return found
 
 
@@ -235,11 +239,12 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
                      + (f" ({'; '.join(examples)})." if examples else "."))
     changes = [row.value for outcome in outcomes for row in outcome.rows if row.quantity.startswith("largest change")]
     return [*items,
-            page.paragraph(f"Computation: four times as many directions change a covered share by at most "
-                           f"{max(changes):.1f} points; the range holds that, for each posture and part. In the eye, "
-                           f"at 85 % of light oil, the method was at most 0.4 points off another program:", page.link("docs/methods/equilibrium.md", METHOD), "."),
-            page.bold("Not validated:") + " against patients, or against an experiment in a real eye. Tension and contact "
-            "angle in an operated eye, with protein and blood, are not known."]
+            page.joined(f"In the eye, four times as many directions change a covered share by at most "
+                           f"{max(changes):.1f} points; the range holds that, for each posture and part. At 85 % of "
+                           f"light oil the method was at most 0.4 points off another program:",
+                           page.link("docs/methods/equilibrium.md", METHOD)),
+            page.joined(page.bold("Not validated:"), "against patients, or against an experiment in a real eye. "
+                           "Tension and contact angle in an operated eye, with protein and blood, are not known.")]
 
 
 def _curves(shares: Shares) -> bytes:
