@@ -34,7 +34,12 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    _write_page(target / "table.html", study, outcomes, rows)
+    parts = []
+    if study.report == "filled_eye":
+        from pipeline.study_kit.filled_eye_page import write_filled_eye
+
+        parts = write_filled_eye(study.description, outcomes, target)
+    _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
 
@@ -87,17 +92,25 @@ def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
         canvas.savefig(partial, dpi=130)
 
 
-def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Sequence[dict[str, str]]) -> None:
-    """Write the page: what was asked, what was found in words, and the table with the rows that do not hold marked."""
+def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Sequence[dict[str, str]],
+                instead: Sequence[str] = ()) -> None:
+    """Write the page: what was asked, what was found in words, and the table with the rows that do not hold marked.
+
+    Parameters
+    ----------
+    instead : what a study says in words of its own; the table can then be opened below.
+    """
     cells = [[VERDICTS[row[column]] if column == "holds" else row[column] for column in COLUMNS] for row in rows]
     words = [COLUMNS.index(column) for column in ("quantity", "unit", "holds")]
     asked = [row for row in rows if row["holds"]]
     held = sum(row["holds"] == "true" for row in asked)
-    write_text(path, page.page(study.title, [
+    found = f"Accuracy {study.accuracy}: {held} of {len(asked)} rows with a tolerance hold."
+    table = page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows) if row["holds"] == "false"])
+    write_text(path, page.page(study.title, [*instead, page.details(found, table)] if instead else [
         page.paragraph(study.description),
-        page.paragraph(f"Accuracy {study.accuracy}: {held} of {len(asked)} rows with a tolerance hold."),
+        page.paragraph(found),
         page.bullets([remark for outcome in outcomes for remark in outcome.remarks]),
-        page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows) if row["holds"] == "false"]),
+        table,
     ]))
 
 

@@ -75,8 +75,13 @@ def page(title: str, parts: Iterable[str], heading: str = "", path: Path | None 
 
 def paragraph(*sentences: str) -> Markup:
     """Return a paragraph of sentences; empty without any."""
-    text = Markup(" ").join(sentence for sentence in sentences if sentence)
+    text = joined(*sentences)
     return Markup("<p>{}</p>").format(text) if text else Markup()
+
+
+def joined(*sentences: str) -> Markup:
+    """Return sentences as one text."""
+    return Markup(" ").join(sentence for sentence in sentences if sentence)
 
 
 def section(text: str) -> Markup:
@@ -87,6 +92,11 @@ def section(text: str) -> Markup:
 def bold(text: str) -> Markup:
     """Return a text in bold."""
     return Markup("<b>{}</b>").format(text)
+
+
+def link(text: str, address: str) -> Markup:
+    """Return a text that leads to an address, relative to the page."""
+    return Markup('<a href="{}">{}</a>').format(address, text)
 
 
 def bullets(items: Sequence[str]) -> Markup:

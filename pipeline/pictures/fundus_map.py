@@ -84,20 +84,22 @@ class FundusMap:
         stripe = np.arange(size[0])[None, :] + np.arange(size[1])[:, None]
         self._hatch = ((stripe / (HATCH * self.unit)) % 2 < 1)[self.inside]
 
-    def draw(self, wall, *, uncertain: float, quadrants: dict[str, Coverage] | None = None, marks=()) -> Image.Image:
+    def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None,
+             marks=()) -> Image.Image:
         """Map of one frame.
 
         Parameters
         ----------
         wall : pyvista.PolyData of the reconstruct stage, with the vertices of this map.
-        uncertain : m, on either side of the edge, which is hatched.
+        uncertain : m, on either side of the edge, which is hatched; one for all vertices, or (n,).
         quadrants : of the retina, "superior_temporal" and so on.
         marks : pairs of a color and a point (3,) in m, whose place on the wall is marked.
         """
         distance = self._at_pixels(wall.point_data["contact_distance"])
         covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
         colors = colors_of(np.where(distance > 0.0, covered, bare))
-        doubtful = (np.abs(distance) < uncertain) & self._hatch
+        reach = self._at_pixels(uncertain) if isinstance(uncertain, np.ndarray) else uncertain
+        doubtful = (np.abs(distance) < reach) & self._hatch
         colors[doubtful] = np.where(distance[doubtful, None] > 0.0, BARE, COVERED)
         pixels = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
         beyond = ~self._retina

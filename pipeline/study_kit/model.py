@@ -108,6 +108,7 @@ class Outcome:
     ----------
     remarks : sentences for the page of the study.
     pictures : name -> PNG as bytes.
+    tables : name -> lines of cells, the heads first.
     """
 
     rows: list[Row] = dataclasses.field(default_factory=list)
@@ -115,12 +116,13 @@ class Outcome:
     remarks: list[str] = dataclasses.field(default_factory=list)
     pictures: dict[str, bytes] = dataclasses.field(default_factory=dict)
     case: str = ""
+    tables: dict[str, list[list[str]]] = dataclasses.field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Write the outcome into an existing folder."""
         data = {"case": self.case, "rows": [dataclasses.asdict(row) for row in self.rows],
                 "curves": [dataclasses.asdict(curve) | {"x": _plain(curve.x), "y": _plain(curve.y)}
-                           for curve in self.curves], "remarks": self.remarks}
+                           for curve in self.curves], "remarks": self.remarks, "tables": self.tables}
         for name, content in self.pictures.items():
             (folder / f"{name}.png").write_bytes(content)
         write_text(folder / OUTCOME, json.dumps(data, indent=1) + "\n")
@@ -141,7 +143,7 @@ class Outcome:
             data = json.loads(path.read_text(encoding="utf-8"))
             return cls([Row(**row) for row in data["rows"]], [Curve(**curve) for curve in data["curves"]],
                        data["remarks"], {file.stem: file.read_bytes() for file in sorted(folder.glob("*.png"))},
-                       data["case"])
+                       data["case"], data["tables"])
         except (json.JSONDecodeError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no outcome of a case ({error}); run the case again") from error
 

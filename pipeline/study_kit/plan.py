@@ -22,7 +22,8 @@ OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
 FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
-REPORTS = ("curves", "tradeoff")  # figures of the families, or `pipeline.study_kit.tradeoff`
+# Figures of the families, `pipeline.study_kit.tradeoff`, or `pipeline.study_kit.filled_eye_page`.
+REPORTS = ("curves", "tradeoff", "filled_eye")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +92,8 @@ class Study:
         """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
+        if self.report == "filled_eye":
+            return ["fill_curves", "fundus_maps"]
         made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
@@ -100,7 +103,7 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        return [*self.family_names(), "orders"] if self.report == "tradeoff" else []
+        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"]}.get(self.report, [])
 
     def case(self, name: str) -> Case:
         """Return a case by name.

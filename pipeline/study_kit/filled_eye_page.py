@@ -1,0 +1,302 @@
+"""The page of the study of fills: one answer, one picture, one table, what it rests on, and what was published.
+
+Sources of what is set beside: [fawcett1994, abstract], [rossi2021, abstract], [hillier2011, abstract], [isakova2017,
+abstract].
+"""
+import csv
+import dataclasses
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from pipeline.base import page
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing
+from pipeline.base.palette import COLORS
+from pipeline.pictures.marks import FAINT_INK, INK, write
+from pipeline.study_kit.model import Outcome
+
+TAMPONADES = {"light_oil": "light oil", "heavy_oil": "heavy oil", "gas": "gas"}
+PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior half",
+         "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
+         "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
+         "behind_equator": "behind the equator", "before_equator": "before the equator"}
+SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
+SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
+SHOWN = 85.0            # %, fill of the table
+NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
+MODEL_ARC = "exact arc of contact of a model eye"
+METHOD = "../../../../docs/methods/equilibrium.md"  # from outputs/studies/<study>/<level>
+HEAD, SIDE, GAP = 54, 118, 6    # pixels of the picture of maps: above, at the left, between
+
+
+@dataclasses.dataclass(frozen=True)
+class Share:
+    """A covered share in percent, and what it may be."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        low, high = f"{self.low:.0f}", f"{self.high:.0f}"
+        return f"{self.value:.0f}" if low == high else f"{self.value:.0f} ({low}–{high})"
+
+
+Key = tuple[str, str, str, float, str]  # tamponade, axial length in mm, posture, fill in percent, part
+
+
+@dataclasses.dataclass(frozen=True)
+class Shares:
+    """All shares of a study."""
+
+    found: dict[Key, Share]
+    length: str             # mm, of the eye with all postures
+
+    @classmethod
+    def of(cls, lines: Iterable[Sequence[str]]) -> "Shares":
+        """Read the lines of the table ``shares``."""
+        found = {(line[0], line[1], line[2], float(line[3]), line[4]): Share(*map(float, line[5:])) for line in lines}
+        many = {length: len({key[2] for key in found if key[1] == length}) for _, length, *_ in found}
+        return cls(found, max(many, key=lambda length: many[length]))
+
+    def at(self, tamponade: str, posture: str, fill: float, part: str, length: str = "") -> Share:
+        """Return one share."""
+        return self.found[tamponade, length or self.length, posture, fill, part]
+
+    def knows(self, *places: tuple[str, str, float]) -> bool:
+        """Tell whether there are shares of tamponades in postures at fills."""
+        return all((tamponade, self.length, posture, fill, "retina") in self.found
+                   for tamponade, posture, fill in places)
+
+    def _names(self, column: int) -> list:
+        return list(dict.fromkeys(key[column] for key in self.found))
+
+    @property
+    def tamponades(self) -> list[str]:
+        """Names of the tamponades."""
+        return self._names(0)
+
+    @property
+    def lengths(self) -> list[str]:
+        """Axial lengths, mm, the shortest first."""
+        return sorted(self._names(1), key=float)
+
+    @property
+    def postures(self) -> list[str]:
+        """Names of the postures."""
+        return [name for name in self._names(2) if name != SPHERE]
+
+    @property
+    def fills(self) -> np.ndarray:
+        """Fills, %."""
+        return np.array(sorted(self._names(3)))
+
+    @property
+    def shown(self) -> float:
+        """Fill of the table, %."""
+        return float(self.fills[np.abs(self.fills - SHOWN).argmin()])
+
+
+def write_filled_eye(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
+    """Write ``shares.csv`` and ``fill_curves.png`` into a folder, and return the parts of the page.
+
+    Raises
+    ------
+    UserError : the cases have no maps of the fundus.
+    """
+    heads, *lines = outcomes[0].tables["shares"]
+    lines += [line for outcome in outcomes[1:] for line in outcome.tables["shares"][1:]]
+    with replacing(target / "shares.csv") as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([heads, *lines])
+    shares = Shares.of(lines)
+    curves = _curves(shares)
+    with replacing(target / "fill_curves.png") as partial:
+        partial.write_bytes(curves)
+    maps = next((outcome.pictures["fundus_maps"] for outcome in outcomes if "fundus_maps" in outcome.pictures), None)
+    if maps is None:
+        raise UserError("the study has no maps of the fundus: one of its cases needs `maps: true`")
+    return _parts(description, shares, outcomes, curves, maps)
+
+
+def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> list[str]:
+    heads = ("", "posture", *PARTS.values())
+    rows = [(TAMPONADES[tamponade], _words(posture),
+             *(str(shares.at(tamponade, posture, shares.shown, part)) for part in PARTS))
+            for tamponade in shares.tamponades for posture in shares.postures]
+    upright = [number for number, row in enumerate(rows) if row[1] == "upright"]
+    picture = "Covered share of the retina and of its inferior half against the fill, patient upright"
+    return [
+        page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
+        page.paragraph(page.bold(headline(shares))),
+        page.paragraph(description, "The rest is aqueous. Shares are of the area of the retina, in percent."),
+        page.picture(curves, picture),
+        page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a "
+                       "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
+        page.section(f"What a fill of {shares.shown:g} % touches"),
+        page.table(heads, rows, words=(1,), marked=upright),
+        page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right "
+                       "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
+                       page.link("shares.csv", "shares.csv")),
+        page.section("Light oil, posture by posture"),
+        page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
+        page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
+                       "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
+                       "hatched where the contact angles do not agree."),
+        page.section("Beside what was published"),
+        page.bullets(anchors(shares, outcomes)),
+        page.section("What was assumed"),
+        page.bullets(_assumed(outcomes)),
+        page.section("What was validated, and what was not"),
+        page.bullets(validated(shares, outcomes)),
+    ]
+
+
+def headline(shares: Shares) -> str:
+    """Return the answer in one sentence."""
+    fill, said = shares.shown, []
+    for tamponade in shares.tamponades:
+        retina, inferior = (shares.at(tamponade, "upright", fill, part) for part in ("retina", "inferior"))
+        said.append(f"{TAMPONADES[tamponade]} touches {retina} % of the retina but {inferior} % of its inferior half"
+                    if not said else f"{TAMPONADES[tamponade]} {retina} and {inferior} %")
+    return f"Patient upright, {fill:g} % of the volume filled: {'; '.join(said)}."
+
+
+def front_edges(shares: Shares) -> str:
+    """Return the sentence on why the eye differs from the sphere."""
+    name = shares.tamponades[0]
+    front = shares.at(name, "upright", shares.shown, AQUEOUS).value
+    eye, sphere = (shares.at(name, posture, shares.shown, "retina") for posture in ("upright", SPHERE))
+    return (f"The eye is no sphere: its front edges, where globe, ciliary body and lens meet, hold aqueous "
+            f"({front:.0f} % of it is before the equator at a fill of {shares.shown:g} %, in a sphere half), so that "
+            f"{TAMPONADES[name]} touches {eye.value:.0f} % of the retina, in the sphere {sphere.value:.0f} %.")
+
+
+def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return what was published, and what is found here."""
+    found = []
+    if shares.knows(("gas", "upright", 80.0), ("light_oil", "upright", 80.0)):
+        gas, oil = (shares.at(name, "upright", 80.0, "retina").value for name in ("gas", "light_oil"))
+        arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
+        found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
+                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the "
+                     f"retina of the eye.")
+    places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
+    if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
+        range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
+                    for posture in places}
+        words = ", ".join(f"{_words(posture)} {low:.0f}–{high:.0f} %" for posture, (low, high) in range_of.items())
+        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula').value:.0f} %"
+                           for posture in places)
+        inferior, superior = (shares.at("light_oil", "upright", 90.0, part).value for part in ("inferior", "superior"))
+        found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and "
+                  f"supine (Rossi et al. 2021, computed by others). Here: {words}.",
+                  f"The macula was touched whole only when standing (the same). Here at 90 %: {macula}.",
+                  f"The superior retina always has better contact, and at 90 % the inferior one remains hard to reach "
+                  f"(the same). Here, upright: {superior:.0f} and {inferior:.0f} %."]
+    if len(shares.lengths) > 1:
+        light = [f"{shares.at('light_oil', 'upright', shares.shown, 'retina', length).value:.1f} % at {length} mm"
+                 for length in shares.lengths]
+        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows if row.quantity == MODEL_ARC}
+        spheres = ", ".join(f"{value:.0f} degrees in a {at}" for at, value in sorted(arc.items()))
+        found += [f"Model eyes of 19 and 25 mm did not differ with oil (Hillier et al. 2011). Here, exact: {spheres}.",
+                  f"In long, myopic eyes the share was smaller (Isakova et al. 2017, computed by others). Here, "
+                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}."]
+    return found
+
+
+def _arc(shares: Shares, tamponade: str, fill: float) -> float:
+    """Arc of contact in the sphere, deg."""
+    share = shares.at(tamponade, SPHERE, fill, WHOLE_SPHERE).value
+    return float(2.0 * np.degrees(np.arccos(1.0 - 0.02 * share)))
+
+
+def _assumed(outcomes: Sequence[Outcome]) -> list[str]:
+    return [*dict.fromkeys(remark for outcome in outcomes for remark in outcome.remarks),
+            "Density, tension, contact angle and the shape of the eye decide; viscosity does not. The head rests, and "
+            "the tamponade is one body.",
+            "An average eye: retina attached and smooth, no buckle, no staphyloma, nothing in the anterior chamber.",
+            "Fill is a share of the volume behind the lens, not of its height. Retina: up to 115 degrees from the "
+            "posterior pole. Macula: a disc of 5.5 mm."]
+
+
+def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return how far the shapes were checked."""
+    items: list[str] = []
+    for tamponade in shares.tamponades:
+        rows = [row for outcome in outcomes for row in outcome.rows
+                if outcome.tables["shares"][1][:2] == [tamponade, shares.length]]
+        arcs, walls = ([row for row in rows if row.quantity == name] for name in ("arc of contact", "covered wall"))
+        examples = [f"{arc.at}: {arc.value:.0f} for {arc.reference:.0f} degrees, {wall.value:.0f} for "
+                    f"{wall.reference:.0f} %"
+                    for arc, wall in zip(arcs, walls, strict=True) if arc.at.split()[-2] in ("80", "90")]
+        items.append(f"{TAMPONADES[tamponade]} in a sphere, exact solution of Young and Laplace: the arc is at most "
+                     f"{max(row.error or 0.0 for row in arcs):.1f} degrees off, the covered wall "
+                     f"{max(row.error or 0.0 for row in walls):.1f} points"
+                     + (f" ({'; '.join(examples)})." if examples else "."))
+    changes = [row.value for outcome in outcomes for row in outcome.rows if row.quantity.startswith("largest change")]
+    return [*items,
+            page.joined(f"In the eye, four times as many directions change a covered share by at most "
+                           f"{max(changes):.1f} points; the range holds that, for each posture and part. At 85 % of "
+                           f"light oil the method was at most 0.4 points off another program:",
+                           page.link("docs/methods/equilibrium.md", METHOD)),
+            page.joined(page.bold("Not validated:"), "against patients, or against an experiment in a real eye. "
+                           "Tension and contact angle in an operated eye, with protein and blood, are not known.")]
+
+
+def _curves(shares: Shares) -> bytes:
+    """Covered share against fill, the patient upright, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(11.5, 4.6), layout="constrained")
+    grid = FigureCanvasAgg(canvas).figure.subplots(1, 2, sharey=True)
+    for axes, part in zip(grid, ("retina", "inferior"), strict=True):
+        for tamponade, color in zip(shares.tamponades, COLORS, strict=False):
+            own = [shares.at(tamponade, "upright", fill, part) for fill in shares.fills]
+            exact = [shares.at(tamponade, SPHERE, fill, part).value for fill in shares.fills]
+            axes.fill_between(shares.fills, [one.low for one in own], [one.high for one in own], color=color, alpha=0.2,
+                              lw=0)
+            axes.plot(shares.fills, [one.value for one in own], color=color, lw=2.0, marker="o", ms=4,
+                      label=TAMPONADES[tamponade])
+            axes.plot(shares.fills, exact, "--", color=color, lw=1.2, label=f"{TAMPONADES[tamponade]}, sphere")
+        axes.set(xlabel="fill / % of the volume", xlim=(shares.fills[0], shares.fills[-1]), ylim=(0.0, 100.0))
+        axes.set_title({"retina": "Whole retina", "inferior": "Inferior half"}[part], loc="left", fontsize=12)
+        axes.grid(alpha=0.3)
+    grid[0].set_ylabel("covered / %")
+    grid[0].legend(frameon=False, fontsize=9)
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=120, format="png")
+    return buffer.getvalue()
+
+
+def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str],
+                   fills: Sequence[float]) -> Image.Image:
+    """Return maps, a row for every posture and a column for every fill, as one picture."""
+    width, height = maps[0][0].size
+    image = Image.new("RGB", (SIDE + len(fills) * (width + GAP), HEAD + len(postures) * (height + GAP)), "white")
+    pen = ImageDraw.Draw(image)
+    for column, fill in enumerate(fills):
+        write(pen, (SIDE + column * (width + GAP) + width / 2, HEAD / 2), f"{100 * fill:g} %", 18, bold=True, color=INK,
+              anchor="mm")
+    write(pen, (4, HEAD / 2), "fill", 16, color=FAINT_INK, anchor="lm")
+    for row, (posture, line) in enumerate(zip(postures, maps, strict=True)):
+        top = HEAD + row * (height + GAP)
+        write(pen, (4, top + height / 2), _words(posture), 16, bold=True, color=INK, anchor="lm", width=SIDE - 8)
+        for column, one in enumerate(line):
+            image.paste(one, (SIDE + column * (width + GAP), top))
+    return image
+
+
+def as_png_file(image: Image.Image) -> bytes:
+    """Return a picture as PNG."""
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _words(posture: str) -> str:
+    return {"head_up_45": "head up 45°"}.get(posture, posture.replace("_", " "))
