@@ -42,6 +42,8 @@ class Share:
     high: float
 
     def __str__(self) -> str:
+        if np.isnan(self.value):
+            return "–"
         low, high = f"{self.low:.0f}", f"{self.high:.0f}"
         return f"{self.value:.0f}" if low == high else f"{self.value:.0f} ({low}–{high})"
 
@@ -59,7 +61,7 @@ class Shares:
     @classmethod
     def of(cls, lines: Iterable[Sequence[str]]) -> "Shares":
         """Read the lines of the table ``shares``."""
-        found = {(line[0], line[1], line[2], float(line[3]), line[4]): Share(*map(float, line[5:])) for line in lines}
+        found = {(line[0], line[1], line[2], float(line[3]), line[4]): Share(*(float(cell or "nan") for cell in line[5:])) for line in lines}
         many = {length: len({key[2] for key in found if key[1] == length}) for _, length, *_ in found}
         return cls(found, max(many, key=lambda length: many[length]))
 
