@@ -6,6 +6,7 @@ abstract].
 import csv
 import dataclasses
 import io
+import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -24,9 +25,12 @@ PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior 
          "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
          "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
          "behind_equator": "behind the equator", "before_equator": "before the equator"}
+SHORT = {"superior_temporal": "ST", "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN",
+         "superior": "superior", "inferior": "inferior", "behind_equator": "behind eq.", "before_equator": "before eq."}
 SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
+PUBLISHED = (55.0, 78.0)  # % of the retina [rossi2021, abstract]
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 MODEL_ARC = "exact arc of contact of a model eye"
 METHOD = "../../../../docs/methods/equilibrium.md"  # from outputs/studies/<study>/<level>
@@ -61,7 +65,8 @@ class Shares:
     @classmethod
     def of(cls, lines: Iterable[Sequence[str]]) -> "Shares":
         """Read the lines of the table ``shares``."""
-        found = {(line[0], line[1], line[2], float(line[3]), line[4]): Share(*(float(cell or "nan") for cell in line[5:])) for line in lines}
+        found = {(line[0], line[1], line[2], float(line[3]), line[4]):
+                 Share(*(float(cell or "nan") for cell in line[5:])) for line in lines}
         many = {length: len({key[2] for key in found if key[1] == length}) for _, length, *_ in found}
         return cls(found, max(many, key=lambda length: many[length]))
 
@@ -125,7 +130,7 @@ def write_filled_eye(description: str, outcomes: Sequence[Outcome], target: Path
 
 
 def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> list[str]:
-    heads = ("", "posture", *PARTS.values())
+    heads = ("", "posture", *(SHORT.get(part, words) for part, words in PARTS.items()))
     rows = [(TAMPONADES[tamponade], _words(posture),
              *(str(shares.at(tamponade, posture, shares.shown, part)) for part in PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
@@ -140,7 +145,9 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
                        "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
         page.section(f"What a fill of {shares.shown:g} % touches"),
         page.table(heads, rows, words=(1,), marked=upright),
-        page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right "
+        page.paragraph("In percent of each part: superior and inferior half, their temporal and nasal quadrants (ST, SN, "
+                       "IT, IN), macula, behind and before the equator. In brackets what it may be, with other contact "
+                       "angles, the second shape that may be at rest when lying, and the error of computation. Temporal and nasal are those of a right "
                        "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
                        page.link("shares.csv", "shares.csv")),
         page.section("Light oil, posture by posture"),
@@ -190,23 +197,29 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
                     for posture in places}
+        outside = [_words(posture) for posture, (low, high) in range_of.items()
+                   if low < PUBLISHED[0] or high > PUBLISHED[1]]
         words = ", ".join(f"{_words(posture)} {low:.0f}–{high:.0f} %" for posture, (low, high) in range_of.items())
-        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula').value:.0f} %"
+        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula')} %"
                            for posture in places)
         inferior, superior = (shares.at("light_oil", "upright", 90.0, part).value for part in ("inferior", "superior"))
         found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and "
-                  f"supine (Rossi et al. 2021, computed by others). Here: {words}.",
+                  f"supine (Rossi et al. 2021, computed by others). Here: {words}; " + (
+                      f"not within that: {', '.join(outside)}." if outside else "all within that."),
                   f"The macula was touched whole only when standing (the same). Here at 90 %: {macula}.",
                   f"The superior retina always has better contact, and at 90 % the inferior one remains hard to reach "
                   f"(the same). Here, upright: {superior:.0f} and {inferior:.0f} %."]
     if len(shares.lengths) > 1:
         light = [f"{shares.at('light_oil', 'upright', shares.shown, 'retina', length).value:.1f} % at {length} mm"
                  for length in shares.lengths]
+        values = [shares.at("light_oil", "upright", shares.shown, "retina", length).value for length in shares.lengths]
+        shrinks = all(after < before for before, after in itertools.pairwise(values))
         arc = {row.at: row.value for outcome in outcomes for row in outcome.rows if row.quantity == MODEL_ARC}
         spheres = ", ".join(f"{value:.0f} degrees in a {at}" for at, value in sorted(arc.items()))
         found += [f"Model eyes of 19 and 25 mm did not differ with oil (Hillier et al. 2011). Here, exact: {spheres}.",
                   f"In long, myopic eyes the share was smaller (Isakova et al. 2017, computed by others). Here, "
-                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}."]
+                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}" + (
+                      "." if shrinks else ": not so in these model eyes, whose front is the same at any length.")]
     return found
 
 
