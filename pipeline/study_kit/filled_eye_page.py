@@ -145,10 +145,11 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
                        "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
         page.section(f"What a fill of {shares.shown:g} % touches"),
         page.table(heads, rows, words=(1,), marked=upright),
-        page.paragraph("In percent of each part: superior and inferior half, their temporal and nasal quadrants (ST, SN, "
-                       "IT, IN), macula, behind and before the equator. In brackets what it may be, with other contact "
-                       "angles, the second shape that may be at rest when lying, and the error of computation. Temporal and nasal are those of a right "
-                       "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
+        page.paragraph("In percent of each part: superior and inferior half, their temporal and nasal quadrants (ST, "
+                       "SN, IT, IN), macula, behind and before the equator. In brackets what it may be: with other "
+                       "contact angles, with the second shape that may be at rest when lying, and by the error of the "
+                       "computation. Temporal and nasal are those of a right eye, whose nasal side is below when the "
+                       "patient lies on the left. Other fills are in",
                        page.link("shares.csv", "shares.csv")),
         page.section("Light oil, posture by posture"),
         page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
