@@ -25,8 +25,9 @@ PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior 
          "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
          "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
          "behind_equator": "behind the equator", "before_equator": "before the equator"}
-SHORT = {"superior_temporal": "ST", "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN",
-         "superior": "superior", "inferior": "inferior", "behind_equator": "behind eq.", "before_equator": "before eq."}
+SHOWN_PARTS = {"retina": "retina", "inferior": "inferior", "macula": "macula", "superior_temporal": "ST",
+               "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN", "behind_equator": "behind eq.",
+               "before_equator": "before eq."}
 SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
@@ -130,11 +131,11 @@ def write_filled_eye(description: str, outcomes: Sequence[Outcome], target: Path
 
 
 def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> list[str]:
-    heads = ("", "posture", *(SHORT.get(part, words) for part, words in PARTS.items()))
-    rows = [(TAMPONADES[tamponade], _words(posture),
-             *(str(shares.at(tamponade, posture, shares.shown, part)) for part in PARTS))
+    heads = ("", *SHOWN_PARTS.values())
+    rows = [(f"{TAMPONADES[tamponade]}, {_words(posture)}",
+             *(str(shares.at(tamponade, posture, shares.shown, part)) for part in SHOWN_PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
-    upright = [number for number, row in enumerate(rows) if row[1] == "upright"]
+    upright = [number for number, row in enumerate(rows) if row[0].endswith("upright")]
     picture = "Covered share of the retina and of its inferior half against the fill, patient upright"
     return [
         page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
@@ -144,9 +145,9 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
         page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a "
                        "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
         page.section(f"What a fill of {shares.shown:g} % touches"),
-        page.table(heads, rows, words=(1,), marked=upright),
-        page.paragraph("In percent of each part: superior and inferior half, their temporal and nasal quadrants (ST, "
-                       "SN, IT, IN), macula, behind and before the equator. In brackets what it may be: with other "
+        page.table(heads, rows, marked=upright),
+        page.paragraph("In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), "
+                       "behind and before the equator. In brackets what it may be: with other "
                        "contact angles, with the second shape that may be at rest when lying, and by the error of the "
                        "computation. Temporal and nasal are those of a right eye, whose nasal side is below when the "
                        "patient lies on the left. Other fills are in",
