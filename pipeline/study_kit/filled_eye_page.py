@@ -25,9 +25,9 @@ PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior 
          "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
          "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
          "behind_equator": "behind the equator", "before_equator": "before the equator"}
-SHOWN_PARTS = {"retina": "retina", "inferior": "inferior", "macula": "macula", "superior_temporal": "ST",
-               "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN", "behind_equator": "behind eq.",
-               "before_equator": "before eq."}
+SHOWN_PARTS = {"retina": "retina", "inferior": "inferior", "macula": "macula",
+               "superior_temporal": "ST", "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN",
+               "behind_equator": "behind eq.", "before_equator": "before eq."}
 SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
