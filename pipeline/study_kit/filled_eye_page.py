@@ -190,11 +190,12 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
     """Return what was published, and what is found here."""
     found = []
     if shares.knows(("gas", "upright", 80.0), ("light_oil", "upright", 80.0)):
-        gas, oil = (shares.at(name, "upright", 80.0, "retina").value for name in ("gas", "light_oil"))
+        gas, oil = ([shares.at(name, "upright", fill, "retina").value for fill in (80.0, shares.fills[-1])]
+                    for name in ("gas", "light_oil"))
         arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
         found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
-                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the "
-                     f"retina of the eye.")
+                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas[0]:.0f} and {oil[0]:.0f} % of "
+                     f"the retina of the eye. At {shares.fills[-1]:g} % it is {gas[1]:.0f} and {oil[1]:.0f} %.")
     places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
@@ -216,7 +217,8 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
                  for length in shares.lengths]
         values = [shares.at("light_oil", "upright", shares.shown, "retina", length).value for length in shares.lengths]
         shrinks = all(after < before for before, after in itertools.pairwise(values))
-        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows if row.quantity == MODEL_ARC}
+        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows
+               if row.quantity == MODEL_ARC and outcome.tables["shares"][1][0] == "light_oil"}
         spheres = ", ".join(f"{value:.0f} degrees in a {at}" for at, value in sorted(arc.items()))
         found += [f"Model eyes of 19 and 25 mm did not differ with oil (Hillier et al. 2011). Here, exact: {spheres}.",
                   f"In long, myopic eyes the share was smaller (Isakova et al. 2017, computed by others). Here, "
