@@ -111,7 +111,7 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
         page.paragraph(found),
         page.bullets([remark for outcome in outcomes for remark in outcome.remarks]),
         table,
-    ]))
+    ], style="td,th{padding:.35em .4em}" if instead else ""))
 
 
 def main() -> None:

@@ -24,6 +24,7 @@ LONGEST_STEP = 0.3      # over the radius of the cavity
 LARGEST_CHANGE = 0.1    # of the volume in a step, over the volume: a start may be far from it
 JOINING = 6             # times that distances join those that stay at the wall, in one step
 DRAWN_IN = 0.999        # of the wall: a start in a full cavity
+CLOSEST = 0.01          # of the wall: oil that comes nearer to the viewpoint is not seen from it, and no shape
 FIRST_PRESSURE = 2.0    # of the oil over the other liquid: of a ball with the tension
 
 
@@ -56,7 +57,7 @@ class Rest:
     depth : (n,), m, along the wall to the contact line: positive where the oil touches. Known near the line only.
     fill : share of the cavity that is oil.
     energy : over tension times the square of the length; to compare shapes of one fill with.
-    settled : whether the last step was as small as it should be.
+    settled : whether the last step was as small as it should be, and the viewpoint is in the oil.
     """
 
     cavity: StarCavity
@@ -113,7 +114,7 @@ def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.n
         while True:
             aimed = float(np.clip(missing, -LARGEST_CHANGE * volume, LARGEST_CHANGE * volume))
             step, rise = _step(energy, distance, bend + damping * inertia, force, slope.volume, aimed)
-            tried = np.minimum(distance + step, energy.radius)
+            tried = np.clip(distance + step, CLOSEST * energy.radius, energy.radius)
             value, left = energy.value(tried), volume - energy.volume(tried)
             # What decides is the energy at this pressure, with the missing volume punished. (R6)
             gain = now - value + (pressure + rise) * (missing - left) + 0.5 * stiffness * (missing**2 - left**2)
@@ -124,7 +125,7 @@ def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.n
         distance, pressure, now, missing = tried, pressure + rise, value, left
         damping = max(damping / 3.0, LEAST_DAMPING)
         if change < SETTLED and abs(missing) < VOLUME_ERROR * volume:
-            return distance, True
+            return distance, bool((distance > CLOSEST * energy.radius).all())
     return distance, False
 
 

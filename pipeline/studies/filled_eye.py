@@ -103,7 +103,12 @@ def run(case: Parameters) -> Outcome:
                    for angle in (case.contact_angle, *case.other_angles)]
         error = np.maximum(_error(case, finer, down, courses[0]), sphere_error)
         found = np.concatenate([course.shares for course in courses])
-        low, high = np.nanmin(found, axis=0) - error, np.nanmax(found, axis=0) + error
+        low, high = np.fmin.reduce(found) - error, np.fmax.reduce(found) + error
+        unknown = [f"{100 * fill:g} %" for fill, values in zip(case.fills, courses[0].least, strict=True)
+                   if np.isnan(values).any()]
+        if unknown:
+            outcome.remarks.append(f"{TAMPONADES[case.tamponade]}, {posture.replace('_', ' ')}: no shape was found at "
+                                   f"{', '.join(unknown)}, since one point must see all of its surface.")
         lines += [[*at, posture, f"{100 * fill:g}", part, *_cells(*cells)]
                   for n, fill in enumerate(case.fills) for part, *cells in zip(
                       PARTS, courses[0].least[n], np.maximum(low[n], 0.0), np.minimum(high[n], 1.0), strict=True)]
@@ -146,7 +151,7 @@ def _shares(contact: Contact, masks: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _cells(*shares: float) -> list[str]:
-    return [f"{100 * share:.1f}" for share in shares]
+    return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]
 
 
 def _course(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, down: np.ndarray,
@@ -156,7 +161,7 @@ def _course(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, 
     for order in (fills, fills[::-1]):
         one: list[Rest] = []
         for fill in order:
-            one.append(at_rest(cavity, liquids, down, fill, one[-1].distance if one else None))
+            one.append(at_rest(cavity, liquids, down, fill, one[-1].distance if one and one[-1].settled else None))
         rests.append(one if order is fills else one[::-1])
     shares = np.array([[_shares(Contact.of(rest), masks) for rest in one] for one in rests])
     settled = np.array([[rest.settled for rest in one] for one in rests])
@@ -172,6 +177,8 @@ def _error(case: Parameters, finer: StarCavity, down: np.ndarray, course: Course
     for n in _nearest(case.fills, CHECKED):
         fine = at_rest(finer, case.liquids(case.contact_angle), down, case.fills[n],
                        refined_start(course.best[n], finer, DRAFT + 1))
+        if not fine.settled:
+            continue
         changes.append(np.abs(_shares(Contact.of(fine), masks) - course.least[n]))
     return np.nanmax(changes, axis=0)
 
@@ -214,6 +221,8 @@ def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[s
 
 def _in_front(rest: Rest) -> float:
     """Share of the aqueous that is before the equator."""
+    if not rest.settled:
+        return np.nan
     cavity = rest.cavity
     angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
     gap = (cavity.radius - rest.distance)[:, None]

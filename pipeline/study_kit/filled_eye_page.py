@@ -6,6 +6,7 @@ abstract].
 import csv
 import dataclasses
 import io
+import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -24,9 +25,13 @@ PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior 
          "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
          "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
          "behind_equator": "behind the equator", "before_equator": "before the equator"}
+SHOWN_PARTS = {"retina": "retina", "inferior": "inferior", "macula": "macula",
+               "superior_temporal": "ST", "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN",
+               "behind_equator": "behind eq.", "before_equator": "before eq."}
 SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
+PUBLISHED = (55.0, 78.0)  # % of the retina [rossi2021, abstract]
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 MODEL_ARC = "exact arc of contact of a model eye"
 METHOD = "../../../../docs/methods/equilibrium.md"  # from outputs/studies/<study>/<level>
@@ -42,6 +47,8 @@ class Share:
     high: float
 
     def __str__(self) -> str:
+        if np.isnan(self.value):
+            return "–"
         low, high = f"{self.low:.0f}", f"{self.high:.0f}"
         return f"{self.value:.0f}" if low == high else f"{self.value:.0f} ({low}–{high})"
 
@@ -59,7 +66,8 @@ class Shares:
     @classmethod
     def of(cls, lines: Iterable[Sequence[str]]) -> "Shares":
         """Read the lines of the table ``shares``."""
-        found = {(line[0], line[1], line[2], float(line[3]), line[4]): Share(*map(float, line[5:])) for line in lines}
+        found = {(line[0], line[1], line[2], float(line[3]), line[4]):
+                 Share(*(float(cell or "nan") for cell in line[5:])) for line in lines}
         many = {length: len({key[2] for key in found if key[1] == length}) for _, length, *_ in found}
         return cls(found, max(many, key=lambda length: many[length]))
 
@@ -123,11 +131,11 @@ def write_filled_eye(description: str, outcomes: Sequence[Outcome], target: Path
 
 
 def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> list[str]:
-    heads = ("", "posture", *PARTS.values())
-    rows = [(TAMPONADES[tamponade], _words(posture),
-             *(str(shares.at(tamponade, posture, shares.shown, part)) for part in PARTS))
+    heads = ("", *SHOWN_PARTS.values())
+    rows = [(f"{TAMPONADES[tamponade]}, {_words(posture)}",
+             *(str(shares.at(tamponade, posture, shares.shown, part)) for part in SHOWN_PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
-    upright = [number for number, row in enumerate(rows) if row[1] == "upright"]
+    upright = [number for number, row in enumerate(rows) if row[0].endswith("upright")]
     picture = "Covered share of the retina and of its inferior half against the fill, patient upright"
     return [
         page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
@@ -137,9 +145,12 @@ def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves
         page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a "
                        "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
         page.section(f"What a fill of {shares.shown:g} % touches"),
-        page.table(heads, rows, words=(1,), marked=upright),
-        page.paragraph("In percent of each part; in brackets what it may be. Temporal and nasal are those of a right "
-                       "eye, whose nasal side is below when the patient lies on the left. Other fills are in",
+        page.table(heads, rows, marked=upright),
+        page.paragraph("In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), "
+                       "behind and before the equator. In brackets what it may be: with other "
+                       "contact angles, with the second shape that may be at rest when lying, and by the error of the "
+                       "computation. Temporal and nasal are those of a right eye, whose nasal side is below when the "
+                       "patient lies on the left. Other fills are in",
                        page.link("shares.csv", "shares.csv")),
         page.section("Light oil, posture by posture"),
         page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
@@ -179,32 +190,40 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
     """Return what was published, and what is found here."""
     found = []
     if shares.knows(("gas", "upright", 80.0), ("light_oil", "upright", 80.0)):
-        gas, oil = (shares.at(name, "upright", 80.0, "retina").value for name in ("gas", "light_oil"))
+        gas, oil = ([shares.at(name, "upright", fill, "retina").value for fill in (80.0, shares.fills[-1])]
+                    for name in ("gas", "light_oil"))
         arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
         found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
-                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas:.0f} and {oil:.0f} % of the "
-                     f"retina of the eye.")
+                     f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas[0]:.0f} and {oil[0]:.0f} % of "
+                     f"the retina of the eye. At {shares.fills[-1]:g} % it is {gas[1]:.0f} and {oil[1]:.0f} %.")
     places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
                     for posture in places}
+        outside = [_words(posture) for posture, (low, high) in range_of.items()
+                   if low < PUBLISHED[0] or high > PUBLISHED[1]]
         words = ", ".join(f"{_words(posture)} {low:.0f}–{high:.0f} %" for posture, (low, high) in range_of.items())
-        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula').value:.0f} %"
+        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula')} %"
                            for posture in places)
         inferior, superior = (shares.at("light_oil", "upright", 90.0, part).value for part in ("inferior", "superior"))
         found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and "
-                  f"supine (Rossi et al. 2021, computed by others). Here: {words}.",
+                  f"supine (Rossi et al. 2021, computed by others). Here: {words}; " + (
+                      f"not within that: {', '.join(outside)}." if outside else "all within that."),
                   f"The macula was touched whole only when standing (the same). Here at 90 %: {macula}.",
                   f"The superior retina always has better contact, and at 90 % the inferior one remains hard to reach "
                   f"(the same). Here, upright: {superior:.0f} and {inferior:.0f} %."]
     if len(shares.lengths) > 1:
         light = [f"{shares.at('light_oil', 'upright', shares.shown, 'retina', length).value:.1f} % at {length} mm"
                  for length in shares.lengths]
-        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows if row.quantity == MODEL_ARC}
+        values = [shares.at("light_oil", "upright", shares.shown, "retina", length).value for length in shares.lengths]
+        shrinks = all(after < before for before, after in itertools.pairwise(values))
+        arc = {row.at: row.value for outcome in outcomes for row in outcome.rows
+               if row.quantity == MODEL_ARC and outcome.tables["shares"][1][0] == "light_oil"}
         spheres = ", ".join(f"{value:.0f} degrees in a {at}" for at, value in sorted(arc.items()))
         found += [f"Model eyes of 19 and 25 mm did not differ with oil (Hillier et al. 2011). Here, exact: {spheres}.",
                   f"In long, myopic eyes the share was smaller (Isakova et al. 2017, computed by others). Here, "
-                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}."]
+                  f"{shares.shown:g} % of light oil, upright: {', '.join(light)}" + (
+                      "." if shrinks else ": not so in these model eyes, whose front is the same at any length.")]
     return found
 
 
