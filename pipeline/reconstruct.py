@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> None:
     initial = load_initial(options.initial)
     reconstructor = Reconstructor(
         initial, len(scene.liquids), cell_ratio=scene.output.cell_ratio,
-        method=scene.output.contour, smoothing_iterations=scene.output.smoothing_iterations,
+        method=scene.output.contour, smoothing_length=scene.output.smoothing_length,
         free_surface=not scene.closed)
     wall = None
     if options.eye and scene.eye is not None and scene.dimension == 3:

@@ -107,8 +107,10 @@ class Output:
                                                    "of the pictures shows it")
     frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
     cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
-    contour: str = parameter("flying_edges", choices=("flying_edges", "marching_cubes"), meaning="surface algorithm")
-    smoothing_iterations: int = parameter(20, minimum=0, maximum=1000, meaning="passes of the surface smoothing")
+    contour: str = parameter("sharp", choices=("sharp", "flying_edges", "marching_cubes"),
+                             meaning="surface algorithm; sharp cuts along the wall, the others round where they meet it")
+    smoothing_length: float = parameter(0.9, minimum=0.0, maximum=3.0,
+                                        meaning="length of the surface smoothing in particle spacings")
     image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
     formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
 

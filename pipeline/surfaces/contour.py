@@ -19,10 +19,7 @@ class TriangleMesh:
     @property
     def volume(self) -> float:
         """Enclosed volume, m**3."""
-        if not len(self.triangles):
-            return 0.0
-        a, b, c = np.moveaxis((self.vertices - self.vertices.mean(axis=0))[self.triangles], 1, 0)
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+        return float(self._parts().sum())
 
     @property
     def counts(self) -> dict[str, int]:
@@ -49,9 +46,18 @@ class TriangleMesh:
         links = self.triangles[:, [0, 1, 0, 2]].reshape(-1, 2)
         graph = coo_matrix((np.ones(len(links), bool), tuple(links.T)), shape=(len(self.vertices),) * 2)
         pieces, label = connected_components(graph, directed=False)
-        a, b, c = np.moveaxis((self.vertices - self.vertices.mean(axis=0))[self.triangles], 1, 0)
-        parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-        return np.sort(np.bincount(label[self.triangles[:, 0]], parts, minlength=pieces))[::-1]
+        return np.sort(np.bincount(label[self.triangles[:, 0]], self._parts(), minlength=pieces))[::-1]
+
+    def _parts(self) -> np.ndarray:
+        # The middle as origin keeps the digits of meshes far from the corner of the container.
+        return signed_volumes(self.vertices, self.triangles, self.vertices.mean(axis=0) if len(self.vertices) else 0.0)
+
+
+def signed_volumes(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Volumes (t,), m**3, between triangles and a point (3,): of a closed surface their sum is what it encloses."""
+    a, b, c = ((vertices - point).T[:, corner] for corner in triangles.T)
+    return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+            a[2] * (b[0] * c[1] - b[1] * c[0])) / 6.0
 
 
 def contour(field: np.ndarray, origin: np.ndarray, cell: float, method: str = "flying_edges") -> TriangleMesh:

@@ -1,4 +1,5 @@
-"""Pieces of liquid of few particles, and the offsets with which their surfaces hold the volume of their particles."""
+"""Pieces of liquid of few particles: each has a level of its own, on which its surface holds their volume."""
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -10,11 +11,13 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData
 from pipeline.surfaces.cavity_grid import CavityGrid
+from pipeline.surfaces.fraction_field import NORMALIZATION, wendland
 
-DROPLET_PARTICLES = 200         # pieces up to this size have an offset of their own
+DROPLET_PARTICLES = 200         # pieces up to this size have a level of their own
+DROPLET_SUPPORT = 2.0           # of their kernel, in spacings
 LINK_DISTANCE = 1.5             # particles nearer than this many spacings belong to one piece
-DROPLET_TOLERANCE = 0.03        # relative, where the search for a droplet's offset stops
-OFFSET_TOLERANCE = 1e-3         # the same, of the offset itself
+DROPLET_TOLERANCE = 0.01        # relative, where the search for the level of a droplet stops
+LEVEL_TOLERANCE = 1e-4          # the same, of the level itself
 MOST_NODES = 200_000            # of boxes that are looked at in one go
 
 
@@ -32,80 +35,80 @@ def find_droplets(frame: FrameData, liquid: int, spacing: float) -> list[np.ndar
     return [piece for piece in pieces if len(piece) <= DROPLET_PARTICLES]
 
 
-def droplet_offsets(frame: FrameData, fraction: np.ndarray, droplets: list[list[np.ndarray]],
-                    grid: CavityGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes around the droplets (k,) and the offsets there (phases, k) that give each its particles' volume.
+@dataclasses.dataclass
+class DropletBox:
+    """Level of a droplet in a box of fine nodes.
 
-    Parameters
+    Attributes
     ----------
-    fraction : (phases, nx, ny[, nz]).
-    droplets : pieces of every liquid.
+    phase : liquid of the droplet.
+    lowest : (D,) index of the lowest node of the box.
+    level : (nx, ny[, nz]) float32, sum of volume * W over its particles, less what its surface has of it.
+    members : nodes at which it has any.
     """
-    tree = cKDTree(grid.near_nodes) if any(droplets) else None
-    near = np.flatnonzero(grid.near)
-    boxes, shapes = [], {}
-    for liquid, piece in ((liquid, piece) for liquid, pieces in enumerate(droplets) for piece in pieces):
-        found = tree.query_ball_point(frame.position[piece], LINK_DISTANCE * grid.spacing)
-        around = near[np.unique(np.concatenate(found).astype(int))]
-        if len(around):         # else it has left the cavity
-            box = _Box(fraction, liquid, around, np.sum(frame.volume[piece], dtype=float), grid)
-            boxes.append(box)
-            shapes.setdefault(tuple(1 << (length - 1).bit_length() for length in box.level.shape), []).append(box)
+
+    phase: int
+    lowest: np.ndarray
+    level: np.ndarray
+    members: np.ndarray
+
+    def flat(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Flat indices of the members in a grid."""
+        index = np.stack(np.nonzero(self.members), axis=1) + self.lowest
+        return np.ravel_multi_index(tuple(index.T), shape)
+
+
+def droplet_boxes(frame: FrameData, droplets: Sequence[Sequence[np.ndarray]], grid: CavityGrid) -> list[DropletBox]:
+    """Levels of all droplets (pieces of every liquid) whose surfaces hold the volume of their particles (U4)."""
+    boxes, targets, shapes = [], [], {}
+    for phase, piece in ((phase, piece) for phase, pieces in enumerate(droplets) for piece in pieces):
+        box = _box(frame.position[piece].astype(float), frame.volume[piece], phase, grid)
+        shapes.setdefault(tuple(1 << (length - 1).bit_length() for length in box.level.shape), []).append(len(boxes))
+        boxes.append(box)
+        targets.append(np.sum(frame.volume[piece], dtype=float))
     for shape, alike in shapes.items():
         number = max(1, MOST_NODES // math.prod(shape))
         for first in range(0, len(alike), number):
-            _fit(alike[first:first + number], shape, grid)
-    nodes, offsets = [np.zeros(0, int)], [np.zeros((len(fraction), 0))]
-    for box in boxes:
-        offset = np.zeros((len(fraction), len(box.around)))
-        offset[box.liquid] = box.offset
-        nodes.append(box.around)
-        offsets.append(offset)
-    # Where two droplets share nodes, the larger offset shows both.
-    unique, place = np.unique(np.concatenate(nodes), return_inverse=True)
-    largest = np.full((len(fraction), len(unique)), -np.inf)
-    columns: Any = (slice(None), place)
-    np.maximum.at(largest, columns, np.concatenate(offsets, axis=1))
-    return unique, largest
+            some = alike[first:first + number]
+            _fit([boxes[k] for k in some], np.array([targets[k] for k in some]), shape, grid)
+    return boxes
 
 
-class _Box:
-    """The nodes around a droplet of ``target`` m**3: flat indices ``around`` in the grid, ``members`` of the box.
+def _box(position: np.ndarray, volume: np.ndarray, phase: int, grid: CavityGrid) -> DropletBox:
+    """Sums of volume * W of one droplet in a box of nodes of the grid around it."""
+    places, reach = (position - grid.origin) / grid.cell, DROPLET_SUPPORT * grid.spacing / grid.cell
+    lowest = np.maximum(np.floor(places.min(axis=0) - reach).astype(int), 0)
+    highest = np.minimum(np.ceil(places.max(axis=0) + reach).astype(int), np.array(grid.fine_shape) - 1)
+    axes = [np.arange(low, high + 1) for low, high in zip(lowest, highest, strict=True)]
+    total = np.zeros([len(axis) for axis in axes])
+    for place, own in zip(places, volume, strict=True):
+        near = [slice(*np.searchsorted(axis, (center - reach, center + reach)))
+                for axis, center in zip(axes, place, strict=True)]
+        squared = sum(np.ix_(*((axis[one] - center) ** 2 for axis, one, center in zip(axes, near, place, strict=True))))
+        total[tuple(near)] += own / grid.spacing**grid.dimension * wendland(np.sqrt(squared) / reach)
+    total *= NORMALIZATION[grid.dimension] / DROPLET_SUPPORT**grid.dimension
+    return DropletBox(phase, lowest, total.astype(np.float32), total > 0.0)
 
-    ``level`` is how far the liquid exceeds the others, ``depth`` that of the wall; ``offset`` is to be found.
-    """
 
-    def __init__(self, fraction: np.ndarray, liquid: int, around: np.ndarray, target: float, grid: CavityGrid):
-        index = np.array(np.unravel_index(around, grid.shape))
-        low = index.min(axis=1)
-        block = tuple(slice(start, stop + 1) for start, stop in zip(low, index.max(axis=1), strict=True))
-        own = fraction[(slice(None), *block)]
-        self.liquid, self.around, self.target, self.offset = liquid, around, target, 0.0
-        self.level, self.depth = own[liquid] - np.delete(own, liquid, axis=0).max(axis=0), grid.depth[block]
-        self.members = np.zeros(self.level.shape, bool)
-        self.members[tuple(index - low[:, None])] = True
-
-
-def _fit(boxes: Sequence[_Box], shape: tuple[int, ...], grid: CavityGrid) -> None:
-    """Set the offsets with which the contours in boxes that fit into one shape hold their targets: all at once."""
+def _fit(boxes: Sequence[DropletBox], target: np.ndarray, shape: tuple[int, ...], grid: CavityGrid) -> None:
+    """Lower the levels of boxes that fit into one shape to where their surfaces hold ``target`` (k,): all at once."""
     level, depth = np.zeros((len(boxes), *shape)), np.full((len(boxes), *shape), -1.0)
-    members = np.zeros(level.shape, bool)
     for index, box in enumerate(boxes):
         place: Any = (index, *map(slice, box.level.shape))
-        level[place], depth[place], members[place] = box.level, box.depth, box.members
-    target = np.array([box.target for box in boxes])
+        nodes = np.stack(np.meshgrid(*map(np.arange, box.level.shape), indexing="ij"), axis=-1) + box.lowest
+        level[place], depth[place] = box.level, grid.depth_at(grid.origin + grid.cell * nodes)
 
-    def error(offset: np.ndarray) -> np.ndarray:
-        raised = level + offset.reshape(-1, *[1] * len(shape))
-        return grid.enclosed_each(np.minimum(np.where(members, raised, -1.0), depth)) / target - 1.0
+    def error(taken: np.ndarray) -> np.ndarray:
+        lowered = level - taken.reshape(-1, *[1] * len(shape))
+        return grid.enclosed_each(np.minimum(lowered, depth)) / target - 1.0
 
-    low = np.array([-box.level[box.members].max() for box in boxes])
-    high = np.array([-box.level[box.members].min() for box in boxes])
-    low = np.where(error(high) <= 0.0, high, low)   # all that is near: a droplet pressed against the wall
-    while (high - low > OFFSET_TOLERANCE).any():
+    # Least is all that is near: a droplet pressed against the wall.
+    low, high = np.full(len(boxes), 1e-3), level.reshape(len(boxes), -1).max(axis=1)
+    high = np.where(error(low) <= 0.0, low, high)
+    while (high - low > LEVEL_TOLERANCE).any():
         middle = 0.5 * (low + high)
         off = error(middle)
-        low = np.where(off < DROPLET_TOLERANCE, middle, low)
-        high = np.where(off > -DROPLET_TOLERANCE, middle, high)
-    for box, offset in zip(boxes, 0.5 * (low + high), strict=True):
-        box.offset = offset
+        high = np.where(off < DROPLET_TOLERANCE, middle, high)
+        low = np.where(off > -DROPLET_TOLERANCE, middle, low)
+    for box, taken in zip(boxes, 0.5 * (low + high), strict=True):
+        box.level -= np.float32(taken)

@@ -10,8 +10,8 @@ import numpy as np
 import taichi as ti
 
 SUPPORT = 2.5  # in particle spacings; smaller is rougher, larger wipes out films and drops
-NORMALIZATION = {2: 7.0 / (np.pi * SUPPORT**2), 3: 10.5 / (np.pi * SUPPORT**3)}    # of Wendland C2, by dimension
-SMOOTHING_PASS, SMOOTHING_BACK = 0.5, -0.53     # lambda and mu [taubin1995]
+NORMALIZATION = {2: 7.0 / np.pi, 3: 10.5 / np.pi}       # of Wendland C2 with support 1, by dimension
+FILTER_CUT = 1e-3       # of its largest weight, where the filter ends
 Vector = ti.types.vector(3, ti.f32)
 
 
@@ -42,7 +42,8 @@ class FractionField:
         order = np.argsort(flat, kind="stable")
         self._position = np.ascontiguousarray(scaled[order], np.float32)
         relative = np.asarray(volume)[order] / self.particle_spacing**self.dimension
-        self._weight = np.ascontiguousarray(relative * NORMALIZATION[self.dimension], np.float32)
+        self._weight = np.ascontiguousarray(relative * NORMALIZATION[self.dimension] / SUPPORT**self.dimension,
+                                            np.float32)
         self._fraction = np.ascontiguousarray(np.asarray(fraction)[order], np.float32)
         self._phase = np.ascontiguousarray(np.asarray(phase)[order], np.int32)
         self._start = np.searchsorted(flat[order], np.arange(np.prod(self.bins) + 1)).astype(np.int32)
@@ -91,19 +92,28 @@ def sided_fraction(weight: np.ndarray, share: np.ndarray, side: np.ndarray) -> n
     return np.where(own[:, None] > 0, sided, smooth_fraction(weight, share))
 
 
-def taubin_filter(iterations: int) -> np.ndarray:
-    """Weights of ``iterations`` passes of Taubin's filter along one axis (U2): smooths without shrinking [taubin1995].
+def wendland(q: np.ndarray) -> np.ndarray:
+    """Wendland's C2 kernel without its norm, at distances q in supports."""
+    return np.clip(1.0 - q, 0.0, None) ** 4 * (4.0 * q + 1.0)
 
-    Applied to the field instead of the mesh it can neither open the mesh, nor part the liquids, nor move the wall.
+
+def smoothing_filter(length: float, cell: float) -> np.ndarray:
+    """Weights along one axis that turn samples into coefficients of a cubic spline, smoothed over a length (U2).
+
+    The waves of a surface that are longer than some 2 pi lengths stay, so that it does not shrink as with a Gaussian;
+    the length is independent of the cell. Applied to the fractions and not to the mesh it can neither open the mesh,
+    nor part the liquids, nor move the wall.
+
+    Parameters
+    ----------
+    length, cell : of smoothing and of the samples, in the same unit; without smoothing the spline meets the samples.
     """
-    laplacian = np.array([0.5, -1.0, 0.5])
-    identity = np.array([0.0, 1.0, 0.0])
-    once = np.convolve(identity + SMOOTHING_PASS * laplacian, identity + SMOOTHING_BACK * laplacian)
-    weights = np.ones(1)
-    for _ in range(iterations):
-        weights = np.convolve(weights, once)
-    significant = np.flatnonzero(np.abs(weights) > 1e-6)
-    weights = weights[significant[0]:significant[-1] + 1]
+    count = 1024
+    wave = 2.0 * np.pi * np.fft.fftfreq(count)      # per cell
+    passed = np.exp(-(wave * length / cell) ** 4) / ((2.0 + np.cos(wave)) / 3.0)
+    weights = np.fft.fftshift(np.fft.ifft(passed).real)
+    width = np.abs(np.flatnonzero(np.abs(weights) > FILTER_CUT * weights.max()) - count // 2).max()
+    weights = weights[count // 2 - width:count // 2 + width + 1]
     return weights / weights.sum()
 
 

@@ -1,19 +1,17 @@
 """Surfaces of the liquids in one frame, from its particles.
 
-Liquid l is where ``min(dominance_l, depth) > 0``: dominance is how far its fraction exceeds that of every other liquid,
-depth the distance to the wall. So two liquids share one interface, and the liquids touch the wall without a gap.
+Liquid l is where its level and the depth below the wall are positive: the level is how far its fraction exceeds that of
+every other liquid. So two liquids share one interface, and the liquids touch the wall without a gap.
 Where there is a free surface, the void beyond it counts as one liquid more, with what the kernel finds empty as its
-fraction. Offsets added to the fractions conserve the volume of every liquid; droplets have offsets of their own.
+fraction. Offsets added to the fractions conserve the volume of every liquid; droplets have levels of their own.
 Equations: docs/methods/surfaces.md.
 """
 import dataclasses
-import functools
 import time
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d, map_coordinates
-from scipy.optimize import brentq
+from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
@@ -21,13 +19,16 @@ from pipeline.base.frame_files import FrameData
 from pipeline.surfaces.cavity_grid import CavityGrid
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
-from pipeline.surfaces.droplets import droplet_offsets, find_droplets
-from pipeline.surfaces.fraction_field import FractionField, sided_fraction, smooth_fraction, taubin_filter
+from pipeline.surfaces.droplets import droplet_boxes, find_droplets
+from pipeline.surfaces.fraction_field import SUPPORT, FractionField, sided_fraction, smooth_fraction, smoothing_filter
+from pipeline.surfaces.levels import DenseLevels, SharpLevels
 
 OFFSET_ROUNDS = 3               # with three liquids and more every offset touches the others
 OFFSET_LIMIT = 0.8              # of a difference of fractions that lies in -1..1
 OFFSET_LIMIT_OPEN = 0.4         # two of them must not turn void into liquid
+OFFSET_TOLERANCE = 1e-5
 VOLUME_TOLERANCE = 2e-4         # relative, where the search for the offset stops
+FULL = 0.8                      # share of space filled by particles, from which on there is no void
 LEAST_ROOM = 0.05               # share of the kernel inside the cavity, below which nothing is divided by it
 SECTION_LEVEL, SECTION_DEPTH = 0.25, 1e-3       # where dominance and distance (m) in the section are cut off
 SECTION_PIXELS = 480            # nodes of the section along its longer side, at least
@@ -61,17 +62,17 @@ class Reconstructor:
         particles).
     liquids : number of liquids.
     cell_ratio : cell of the grid in particle spacings.
-    method : "flying_edges" or "marching_cubes".
-    smoothing_iterations : passes of Taubin's filter on the fractions; 0 switches it off.
+    method : "sharp" (cut along the wall), "flying_edges" or "marching_cubes"; in two dimensions without meaning.
+    smoothing_length : of the fractions, in particle spacings; 0 switches it off.
     free_surface : whether the liquids leave a part of the cavity void.
     """
 
-    def __init__(self, initial: dict, liquids: int, *, cell_ratio: float = 0.5, method: str = "flying_edges",
-                 smoothing_iterations: int = 20, free_surface: bool = False):
-        self.filter = taubin_filter(smoothing_iterations)
+    def __init__(self, initial: dict, liquids: int, *, cell_ratio: float = 0.5, method: str = "sharp",
+                 smoothing_length: float = 0.9, free_surface: bool = False):
         # Outside the wall too few neighbors are left to tell void from liquid.
         beyond = 1e-6 if free_surface else 2.0 * max(cell_ratio, 0.5)
-        self.grid = CavityGrid(initial, cell_ratio, method, beyond)
+        self.grid, self.method = CavityGrid(initial, cell_ratio, beyond), method
+        self.filter = smoothing_filter(smoothing_length, self.grid.coarse_cell / self.grid.spacing).astype(np.float32)
         self.cavity_volume = self.grid.cavity_volume
         self.field = FractionField(self.grid.spacing, self.grid.origin, self.grid.origin + self.grid.extent, liquids)
         self.free_surface = free_surface
@@ -93,23 +94,29 @@ class Reconstructor:
         ------
         UserError : the volume of a liquid cannot be met.
         """
-        start = time.perf_counter()
-        self.field.load(frame.position, frame.volume, frame.volume_fraction, frame.phase)
-        fraction = self._fractions()
-        volume = np.asarray(frame.volume, np.float64)
-        expected = np.array([volume[frame.phase == liquid].sum() for liquid in range(self.field.liquids)])
-        droplets = [find_droplets(frame, liquid, self.grid.spacing) for liquid in range(self.field.liquids)]
-        patches = droplet_offsets(frame, fraction, droplets, self.grid)
-        bulk = np.array([int((frame.phase == liquid).sum()) - sum(map(len, pieces))
-                         for liquid, pieces in enumerate(droplets)])
+        start, self._frame = time.perf_counter(), frame
+        volume, count = np.asarray(frame.volume, np.float64), self.field.liquids
+        expected = np.array([volume[frame.phase == liquid].sum() for liquid in range(count)])
+        droplets = [find_droplets(frame, liquid, self.grid.spacing) for liquid in range(count)]
+        sizes = np.bincount(frame.phase, minlength=count)
+        if not self.free_surface and all(sum(map(len, few)) == size for few, size in zip(droplets, sizes, strict=True)):
+            # Something must fill a full cavity.
+            most = max((few for few in droplets if few), key=lambda few: max(map(len, few)), default=None)
+            if most is None:
+                raise UserError("a frame without particles has no surface")
+            most.pop(max(range(len(most)), key=lambda piece: len(most[piece])))
+        bulk = np.array([int(size) - sum(map(len, few)) for size, few in zip(sizes, droplets, strict=True)])
+        coefficients = self._coefficients(frame, droplets)
+        boxes = droplet_boxes(frame, droplets, self.grid)
+        dense = self.grid.dimension == 2 or self.method != "sharp"
+        self._levels = DenseLevels(self.grid, coefficients, boxes, self.method) if dense else \
+            SharpLevels(self.grid, coefficients, boxes)
         target = np.where(bulk > 0, expected, 0.0) * (1.0 if self.free_surface else self.cavity_volume / expected.sum())
         if self.free_surface:
             target = np.append(target, self.cavity_volume - expected.sum())
-        offset = self._bulk_offsets(fraction, target, patches)
-        self._dominance = dominance(fraction, offset, patches)
+        offset = self._offset = self._bulk_offsets(target)
         result = []
-        for liquid in range(self.field.liquids):
-            mesh = self.grid.contour(self._dominance[liquid])
+        for liquid, mesh in enumerate(self._levels.surfaces(offset, count)):
             others = np.delete(offset, liquid)
             result.append(LiquidSurface(mesh, mesh.counts | {
                 "watertight": mesh.is_closed(), "volume": mesh.volume,
@@ -135,10 +142,10 @@ class Reconstructor:
             return None
         points, shape, cell = self._section
         wall = self.grid.distance_at(points)
-        index = ((points - self.grid.origin) / self.grid.cell).T
-        level = np.stack([map_coordinates(values, index, order=1, mode="nearest") for values in self._dominance], -1)
+        level = self._levels.at(points, self._offset)
         fraction = np.zeros_like(level)
         band = wall < 2.0 * cell
+        self.field.load(self._frame.position, self._frame.volume, self._frame.volume_fraction, self._frame.phase)
         weight, share = self.field.sample(points[band])
         fraction[band] = sided_fraction(weight, share, level[band].argmax(axis=1))
         void = ~np.isfinite(fraction).all(axis=1)
@@ -162,22 +169,28 @@ class Reconstructor:
         points = np.stack([np.full_like(y, -grid.origin[0]), y, z], axis=-1).reshape(-1, 3) + grid.origin
         return points, shape, cell
 
-    def _fractions(self) -> np.ndarray:
-        """Filtered fractions (phases, nx, ny[, nz]), extended outward and into voids by the nearest known value.
+    def _coefficients(self, frame: FrameData, droplets: list[list[np.ndarray]]) -> np.ndarray:
+        """Splines (phases, nx, ny[, nz]) of the smoothed fractions without droplets, extended outward and into voids.
 
         With a free surface the last phase is the void.
         """
-        nodes = self.grid.near_nodes
-        weight, share = self.field.sample(nodes)
-        near = smooth_fraction(weight, share)
+        keep = np.ones(len(frame.phase), bool)
+        keep[[particle for few in droplets for piece in few for particle in piece]] = False
+        position, volume = frame.position[keep].astype(np.float64), np.asarray(frame.volume)[keep]
+        fraction, phase = np.asarray(frame.volume_fraction)[keep], frame.phase[keep]
+        self.field.load(position, volume, fraction, phase)
+        alone = self._alone(position, volume, fraction)[self.grid.near]
+        near = np.full((len(alone), self.field.liquids), np.nan, np.float32)
+        near[alone >= 0] = np.eye(self.field.liquids, dtype=np.float32)[alone[alone >= 0]]
+        weight, share = self.field.sample(self.grid.near_nodes[alone < 0])
+        near[alone < 0] = smooth_fraction(weight, share)
         known = np.isfinite(near[:, 0])
-        if not known.any():
-            raise UserError("a frame without particles has no surface")
         if self.free_surface:
-            filled = np.clip(weight.sum(axis=1) / self.room, 0.0, 1.0)[:, None]  # (U3)
+            filled = np.ones((len(alone), 1), np.float32)
+            filled[alone < 0, 0] = np.clip(weight.sum(axis=1) / self.room[alone < 0], 0.0, 1.0)     # (U3)
             near = np.concatenate([np.where(known[:, None], filled * near, 0.0), 1.0 - filled], axis=1)
         elif not known.all():
-            _, nearest = cKDTree(nodes[known]).query(nodes[~known])
+            _, nearest = cKDTree(self.grid.near_nodes[known]).query(self.grid.near_nodes[~known])
             near[~known] = near[known][nearest]
         values = near.T[:, self.grid.extension]
         # The last fraction is what the others leave.
@@ -187,69 +200,60 @@ class Reconstructor:
         values[-1] = 1.0 - values[:-1].sum(axis=0)
         return values
 
-    def _bulk_offsets(self, fraction: np.ndarray, target: np.ndarray, droplets: tuple) -> np.ndarray:
+    def _alone(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+        """The liquid that is alone around every coarse node, -1 where there are others or void: no sum is needed."""
+        shape, cell = self.grid.shape, self.grid.coarse_cell
+        place = tuple(np.clip(((position - self.grid.origin) / cell).astype(int), 0, np.array(shape) - 1).T)
+        code = np.where(fraction.max(axis=1) > 1.0 - 1e-6, fraction.argmax(axis=1), -1).astype(np.int8)
+        least, most = np.full(shape, 127, np.int8), np.full(shape, -1, np.int8)
+        np.minimum.at(least, place, code)
+        np.maximum.at(most, place, code)
+        filled = np.bincount(np.ravel_multi_index(place, shape), volume, minlength=least.size).reshape(shape)
+        filled = filled.astype(np.float32) / cell**len(shape)
+        reach = int(np.ceil(SUPPORT * self.grid.spacing / cell))
+        for axis in range(len(shape)):
+            filled = uniform_filter1d(filled, 3, axis=axis, mode="constant")
+        for axis in range(len(shape)):      # cells from reach below the node to reach above it
+            least = minimum_filter1d(least, 2 * reach, axis=axis, mode="nearest")
+            most = maximum_filter1d(most, 2 * reach, axis=axis, mode="nearest")
+            filled = minimum_filter1d(filled, 2 * reach, axis=axis, mode="nearest")
+        return np.where((least == most) & (not self.free_surface or filled > FULL), most, -1)
+
+    def _bulk_offsets(self, target: np.ndarray) -> np.ndarray:
         """One offset per phase (the first stays 0) such that every surface holds its target volume.
 
         ``target`` is 0 for a liquid without bulk: droplets alone leave no interface to move.
         """
-        offset, count = np.zeros(len(fraction)), len(fraction)
+        offset, count = np.zeros(len(target)), len(target)
         if count == 2 and target.all():
             # Both liquids lose a little where the interface meets the wall; the lesser is held to its volume.
             judged = [0 if self.free_surface else int(target.argmin())]
-            self._set_offset(offset, 1, judged, fraction, droplets, target)
+            self._set_offset(offset, 1, judged, target)
         elif count > 2:
             for phase in [k for k in range(1, count) if target[k]] * OFFSET_ROUNDS:
                 # What the void takes is what all liquids lack: the void itself may lose a little.
                 void = self.free_surface and phase == count - 1
                 judged = [k for k in range(phase) if target[k]] if void else [phase]
                 if judged:
-                    self._set_offset(offset, phase, judged, fraction, droplets, target)
+                    self._set_offset(offset, phase, judged, target)
         return offset
 
-    def _set_offset(self, offset: np.ndarray, phase: int, judged: list[int], fraction, droplets,
-                    target: np.ndarray) -> None:
+    def _set_offset(self, offset: np.ndarray, phase: int, judged: list[int], target: np.ndarray) -> None:
         """Change the offset of ``phase`` in place until the surfaces of ``judged`` together hold their targets."""
         sign, wanted = 1.0 if phase in judged else -1.0, target[judged].sum()
 
         def error(value: float) -> float:
             offset[phase] = value
-            raised = with_offsets(fraction, offset, droplets)
-            relative = sum(self.grid.enclosed(excess(raised, one)) for one in judged) / wanted - 1.0
+            relative = sum(self._levels.volume(offset, one) for one in judged) / wanted - 1.0
             return 0.0 if abs(relative) < VOLUME_TOLERANCE else sign * relative
 
         limit = OFFSET_LIMIT if not self.free_surface else OFFSET_LIMIT_OPEN
-        reach = limit / 8
-        low, high = error(-reach), error(reach)
-        while reach < limit and not low <= 0.0 <= high:
-            reach *= 2
-            low, high = error(-reach), error(reach)
-        if low <= 0.0 <= high:
-            offset[phase] = brentq(error, -reach, reach, xtol=1e-5)
-        else:
-            offset[phase] = -reach if abs(low) < abs(high) else reach
-
-
-def dominance(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> np.ndarray:
-    """How far every fraction plus its offset exceeds the largest of the others: (phases, nx, ny[, nz]) in -1..1.
-
-    With two phases the second is the exact negative of the first: one shared interface. One liquid alone: 1.
-    """
-    raised = with_offsets(fraction, offset, droplets)
-    return np.stack([excess(raised, phase) for phase in range(len(raised))])
-
-
-def with_offsets(fraction: np.ndarray, offset: np.ndarray, droplets: tuple) -> np.ndarray:
-    """Fractions (phases, nx, ny[, nz]) plus one offset each; the nodes of droplets have their own in place of it."""
-    phases = len(fraction)
-    raised = fraction + offset.reshape(phases, *[1] * (fraction.ndim - 1))
-    nodes, own_offset = droplets
-    raised.reshape(phases, -1)[:, nodes] = fraction.reshape(phases, -1)[:, nodes] + own_offset
-    return raised
-
-
-def excess(raised: np.ndarray, phase: int) -> np.ndarray:
-    """How far one phase exceeds the largest of the others (U4), (nx, ny[, nz])."""
-    others = [raised[k] for k in range(len(raised)) if k != phase]
-    if not others:
-        return np.ones_like(raised[0])
-    return raised[phase] - functools.reduce(np.maximum, others)
+        low, high, value, off = -limit, limit, 0.0, error(0.0)
+        # The surface of a ball would have to move by a third of the error times its radius.
+        change = -0.3 * off * wanted ** (1.0 / self.grid.dimension) / self.grid.spacing
+        while off and high - low > OFFSET_TOLERANCE:
+            low, high = (value, high) if off < 0.0 else (low, value)
+            before, off_before = value, off
+            value = value + change if low < value + change < high else 0.5 * (low + high)
+            off = error(value)
+            change = -off * (value - before) / (off - off_before) if off != off_before else 0.0

@@ -11,7 +11,7 @@ from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
 WORDS = ("title", "description", "label")
-PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_iterations", "output.image_size", "output.formats",
+PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_length", "output.image_size", "output.formats",
            "output.second_means")
 COLORS = ("liquids.color", "liquids.clear", "liquids.source")
 LOOKS = (*COLORS, "eye.side")
