@@ -58,17 +58,16 @@ class Bricks:
         self.number = np.full(chosen.shape, -1, np.int32)
         self.number.ravel()[flat] = np.arange(len(flat), dtype=np.int32)
 
-    @functools.cached_property
-    def nodes(self) -> np.ndarray:
-        """Nodes (count, split + 1, split + 1, split + 1) of every chosen brick: owner * split**3 + place in it."""
-        split, (i, j, k) = self.split, self.corner[:self.count].T
-        nodes = np.empty((self.count, *[split + 1] * 3), np.int32)
+    def nodes(self, chosen: np.ndarray) -> np.ndarray:
+        """Nodes (split + 1, split + 1, split + 1, n) of chosen bricks (n,): owner * split**3 + place in it."""
+        split, (i, j, k) = self.split, self.corner[chosen].T
+        nodes = np.empty((*[split + 1] * 3, len(chosen)), np.int32)
         own = np.arange(split**3, dtype=np.int32).reshape([split] * 3)
         for far in np.ndindex(2, 2, 2):
             owner = self.number[i + far[0], j + far[1], k + far[2]]
-            into = (slice(None), *(slice(split, None) if one else slice(0, split) for one in far))
+            into = tuple(slice(split, None) if one else slice(0, split) for one in far)
             place = own[tuple(slice(0, 1) if one else slice(None) for one in far)]
-            nodes[into] = owner[:, None, None, None] * split**3 + place
+            nodes[into] = owner * split**3 + place[..., None]
         return nodes
 
     def sample(self, coefficients: np.ndarray) -> np.ndarray:

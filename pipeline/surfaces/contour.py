@@ -55,7 +55,8 @@ class TriangleMesh:
 
 def signed_volumes(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Volumes (t,), m**3, between triangles and a point (3,): of a closed surface their sum is what it encloses."""
-    a, b, c = ((vertices - point).T[:, corner] for corner in triangles.T)
+    places = np.ascontiguousarray((vertices - point).T)
+    a, b, c = (places[:, corner] for corner in triangles.T)
     return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
             a[2] * (b[0] * c[1] - b[1] * c[0])) / 6.0
 

@@ -68,11 +68,11 @@ def patterns(values: np.ndarray) -> np.ndarray:
 
 
 def block_patterns(values: np.ndarray) -> np.ndarray:
-    """The same for the cells (n, k, k, k) between nodes (n, k + 1, k + 1, k + 1), uint8."""
-    positive, last = (values > 0.0).astype(np.uint8), values.shape[1] - 1
-    result = np.zeros((len(values), last, last, last), np.uint8)
+    """The same for the cells (k, k, k, n) between nodes (k + 1, k + 1, k + 1, n) of blocks, uint8."""
+    positive, last = (values > 0.0).astype(np.uint8), len(values) - 1
+    result = np.zeros((last, last, last, values.shape[3]), np.uint8)
     for bit, (i, j, k) in enumerate(CORNERS):
-        result |= positive[:, i:i + last, j:j + last, k:k + last] << np.uint8(bit)
+        result |= positive[i:i + last, j:j + last, k:k + last] << np.uint8(bit)
     return result
 
 

@@ -145,6 +145,7 @@ class SharpLevels(Levels):
         # Between no two phases is there an interface where their difference has one sign.
         self._pairs = [(a, b, *spline_range(coefficients[a] - coefficients[b]))
                        for a in range(len(coefficients)) for b in range(a)]
+        self._last = None
         self._choose_bricks(OFFSET_REACH)
 
     def volume(self, offset: np.ndarray, phase: int) -> float:
@@ -177,6 +178,8 @@ class SharpLevels(Levels):
             self._raises.append((phase, nodes[nodes >= 0], level[nodes >= 0]))
 
     def _cut(self, offset: np.ndarray, phase: int) -> "Cut":
+        if self._last and self._last[:2] == (phase, tuple(offset)):
+            return self._last[2]
         needed = float(np.ptp(offset))
         if needed > self._reach:
             self._choose_bricks(2.0 * needed)
@@ -184,7 +187,8 @@ class SharpLevels(Levels):
         for liquid, nodes, level in self._raises:
             _raise(raised, liquid, nodes, level)
         coarse = excess(self.coefficients + offset.astype(np.float32).reshape(-1, 1, 1, 1), phase) > 0.0
-        return Cut(self.grid, self._bricks, away_from_zero(excess(raised, phase)), coarse)
+        self._last = phase, tuple(offset), Cut(self.grid, self._bricks, away_from_zero(excess(raised, phase)), coarse)
+        return self._last[2]
 
 
 class Cut:
@@ -199,14 +203,18 @@ class Cut:
 
     def __init__(self, grid: CavityGrid, bricks: Bricks, level: np.ndarray, positive: np.ndarray):
         self._grid, self._bricks, self._level = grid, bricks, level
-        split, wall, count = grid.split, grid.wall, bricks.count
-        corner = tuple(bricks.corner[:count].T)
-        self._block, row = level[bricks.nodes], wall.bricks.number[corner]
+        wall, positive_node = grid.wall, level > 0.0
+        nodes = bricks.nodes(np.arange(bricks.count))
+        inside = positive_node[nodes].reshape(-1, bricks.count)
+        mixed = np.flatnonzero(inside.any(axis=0) != inside.all(axis=0))
+        self._nodes, corner = np.ascontiguousarray(nodes[..., mixed]), bricks.corner[mixed]
+        self._corner, self._block = corner, level[self._nodes]
+        row = wall.bricks.number[tuple(corner.T)]
         self._row = np.where(row < wall.bricks.count, row, -1)
         pattern, at_wall = block_patterns(self._block), self._row >= 0
         depth_pattern = np.zeros(pattern.shape, np.uint8)
-        depth_pattern[at_wall] = wall.pattern[self._row[at_wall]]
-        depth_pattern[~at_wall & wall.inside[corner]] = 255
+        depth_pattern[..., at_wall] = wall.pattern[..., self._row[at_wall]]
+        depth_pattern[..., ~at_wall & wall.inside[tuple(corner.T)]] = 255
         crossed = (pattern != 0) & (pattern != 255) & (depth_pattern != 0)
         simple = crossed & (depth_pattern == 255) & ~ambiguous()[pattern]
         whole = self._simple(np.nonzero(simple), pattern[simple])
@@ -224,7 +232,10 @@ class Cut:
         self._interface = np.concatenate([number[whole], cut[patch == INTERFACE]])
         self._cut_wall = {kind: cut[patch == kind] for kind in (WALL, OTHER_WALL)}
         self._first_of_wall = len(slots)
-        self._whole_wall = self._sides_of_wall(pattern, positive)
+        # In bricks without both signs the first node tells which.
+        positive = positive.copy()
+        positive[tuple(bricks.corner[:bricks.count].T)] = inside[0]
+        self._whole_wall = self._sides_of_wall(pattern, mixed, positive)
 
     @property
     def volume(self) -> float:
@@ -247,7 +258,7 @@ class Cut:
     def _simple(self, cells: tuple[np.ndarray, ...], pattern: np.ndarray) -> np.ndarray:
         """Edges (t, 3) of the interface in cells that neither the wall crosses nor a face with two chords bounds."""
         cell, edge = table_triangles(pattern)
-        return self._slot(np.stack(cells, axis=1)[cell][:, None], edge)
+        return self._slot(np.ravel_multi_index(cells, self._nodes.shape)[cell][:, None], edge)
 
     def _general(self, cells: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Patch (t,) and points (t, 3) of the triangles in all other cells, and what points are new (p, 3), m.
@@ -256,16 +267,16 @@ class Cut:
         """
         grid, wall = self._grid, self._grid.wall
         cells = np.stack(cells, axis=1)
-        brick, place = cells[:, 0], cells[:, None, 1:] + CORNERS
-        place = tuple(np.moveaxis(place, -1, 0))
+        brick, place = cells[:, 3], tuple(np.moveaxis(cells[:, None, :3] + CORNERS, -1, 0))
         row = self._row[brick]
-        level = self._block[(brick[:, None], *place)]
-        depth = np.where(row[:, None] >= 0, wall.depth[(row[:, None], *place)], np.float32(1.0))
+        level = self._block[(*place, brick[:, None])]
+        depth = np.where(row[:, None] >= 0, wall.depth[(*place, row[:, None])], np.float32(1.0))
         cell, patch, code, spot, of_center, center = patches(level, depth)
-        fine = self._bricks.corner[brick] * grid.split + cells[:, 1:]
+        fine = self._corner[brick] * grid.split + cells[:, :3]
         result, kind = np.empty_like(code), np.digitize(code, (DEPTH, CONTACT, BETWEEN, CODES))
         edges, of = 3 * len(self._level), np.broadcast_to(cell[:, None], code.shape)
-        result[kind == 0] = self._slot(cells[of[kind == 0]], code[kind == 0])
+        lowest = np.ravel_multi_index(tuple(cells.T), self._nodes.shape)
+        result[kind == 0] = self._slot(lowest[of[kind == 0]], code[kind == 0])
         result[kind == 1] = edges + wall.vertex(fine[of[kind == 1]], code[kind == 1] - DEPTH)
         # Cells that share a face have its points of the contact line in common.
         new = (kind == 2) | (kind == 3)
@@ -281,10 +292,9 @@ class Cut:
         return patch, result, grid.origin + grid.cell * points
 
     def _slot(self, cells: np.ndarray, edge: np.ndarray) -> np.ndarray:
-        """Numbers of edges (...,) of cells (..., 4): brick and place in it."""
-        start = cells[..., 1:] + CORNERS[EDGE_ENDS[edge, 0]]
-        return self._bricks.nodes[(np.broadcast_to(cells[..., 0], edge.shape), *np.moveaxis(start, -1, 0))] * 3 + \
-            EDGE_AXIS[edge]
+        """Numbers of edges (...,) of cells (...,), these as places of their lowest nodes in the blocks."""
+        step = np.ravel_multi_index(tuple(CORNERS[EDGE_ENDS[:, 0]].T), self._nodes.shape[:3]) * self._nodes.shape[3]
+        return self._nodes.ravel()[cells + step[edge]].astype(np.int64) * 3 + EDGE_AXIS[edge]
 
     def _on_edges(self, slots: np.ndarray) -> np.ndarray:
         """Points (n, 3), m, where the level is zero on edges (n,)."""
@@ -293,11 +303,12 @@ class Cut:
         low, high = (self._level[nodes].astype(float) for nodes in (node, self._bricks.find(start + step)))
         return self._grid.origin + self._grid.cell * (start + (low / (low - high))[:, None] * step)
 
-    def _sides_of_wall(self, pattern: np.ndarray, positive: np.ndarray) -> dict[int, np.ndarray]:
+    def _sides_of_wall(self, pattern: np.ndarray, mixed: np.ndarray, positive: np.ndarray) -> dict[int, np.ndarray]:
         """Which triangles of the wall are whole on either side, (t,) bool each."""
-        wall, count = self._grid.wall, self._bricks.count
+        wall = self._grid.wall
         sign = np.where(positive.ravel()[wall.brick], 255, 0)
-        brick = self._bricks.number.ravel()[wall.brick]
-        chosen = (brick >= 0) & (brick < count)
-        sign[chosen] = pattern.reshape(count, -1)[brick[chosen], wall.place[chosen]]
+        number = np.full(self._bricks.number.size, -1)
+        number[np.ravel_multi_index(tuple(self._corner.T), self._bricks.coarse_shape)] = np.arange(len(mixed))
+        brick = number[wall.brick]
+        sign[brick >= 0] = pattern.reshape(-1, len(mixed))[wall.place[brick >= 0], brick[brick >= 0]]
         return {WALL: (sign == 255)[wall.cell], OTHER_WALL: (sign == 0)[wall.cell]}

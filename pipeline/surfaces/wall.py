@@ -27,8 +27,8 @@ class Wall:
     Attributes
     ----------
     bricks : those that it crosses.
-    depth : (n, split + 1, split + 1, split + 1) float32 at the nodes of each, in spacings.
-    pattern : (n, split, split, split) signs of the depth at the corners of their cells.
+    depth : (split + 1, split + 1, split + 1, n) float32 at the nodes of each, in spacings.
+    pattern : (split, split, split, n) signs of the depth at the corners of their cells.
     inside : (nx, ny, nz) whether the cells of other bricks are in the cavity.
     brick, place : (c,) coarse flat index of the brick and place in it of every cell with triangles.
     vertices (v, 3), triangles (t, 3), cell (t,) : m, vertices, and the cell of each triangle.
@@ -45,7 +45,7 @@ class Wall:
         self.inside, self.bricks = depth > 0.0, Bricks(near, grid.split)
         fine = self.bricks.fine_indices(np.arange(len(self.bricks.corner) * grid.split**3))
         self._at_nodes = away_from_zero(grid.depth_at(grid.origin + grid.cell * fine)).astype(np.float32)
-        self.depth = self._at_nodes[self.bricks.nodes]
+        self.depth = self._at_nodes[self.bricks.nodes(np.arange(self.bricks.count))]
         self.pattern = block_patterns(self.depth)
         self._find_triangles()
 
@@ -60,15 +60,15 @@ class Wall:
 
     def _find_triangles(self) -> None:
         split = self.bricks.split
-        brick, *place = np.nonzero((self.pattern != 0) & (self.pattern != 255))
-        pattern = self.pattern[(brick, *place)]
+        *place, brick = np.nonzero((self.pattern != 0) & (self.pattern != 255))
+        pattern = self.pattern[(*place, brick)]
         fine = self.bricks.corner[brick] * split + np.stack(place, axis=1)
         self.brick = np.ravel_multi_index(tuple(self.bricks.corner[brick].T), self.bricks.coarse_shape)
         self.place = np.ravel_multi_index(tuple(place), [split] * 3)
         simple = ~ambiguous()[pattern]
         cell, edge = table_triangles(np.where(simple, pattern, 0))
         rest = np.flatnonzero(~simple)
-        depth = self.depth[(brick[rest, None], *(place[k][rest, None] + CORNERS[:, k] for k in range(3)))]
+        depth = self.depth[(*(place[k][rest, None] + CORNERS[:, k] for k in range(3)), brick[rest, None])]
         of, _, code, spot, of_center, center = patches(np.ones_like(depth), depth)
         # Edges first, then the centers of loops.
         keys, keep = self.edge_key(fine[cell][:, None], edge), code < CODES
