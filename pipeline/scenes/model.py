@@ -109,8 +109,9 @@ class Output:
     cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
     contour: str = parameter("sharp", choices=("sharp", "flying_edges", "marching_cubes"),
                              meaning="surface algorithm; sharp cuts along the wall, the others round where they meet it")
-    smoothing_length: float = parameter(0.9, minimum=0.0, maximum=3.0,
-                                        meaning="length of the surface smoothing in particle spacings")
+    smoothing_length: float | None = parameter(
+        None, minimum=0.0, maximum=3.0,
+        meaning="length of the surface smoothing in particle spacings, else 1 in a full cavity, 0.5 with a free surface")
     image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
     formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
 

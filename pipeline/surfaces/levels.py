@@ -205,7 +205,7 @@ class Cut:
         self._grid, self._bricks, self._level = grid, bricks, level
         wall, positive_node = grid.wall, level > 0.0
         nodes = bricks.nodes(np.arange(bricks.count))
-        inside = positive_node[nodes].reshape(-1, bricks.count)
+        inside = positive_node[nodes].reshape((grid.split + 1) ** 3, bricks.count)
         mixed = np.flatnonzero(inside.any(axis=0) != inside.all(axis=0))
         self._nodes, corner = np.ascontiguousarray(nodes[..., mixed]), bricks.corner[mixed]
         self._corner, self._block = corner, level[self._nodes]
@@ -310,5 +310,5 @@ class Cut:
         number = np.full(self._bricks.number.size, -1)
         number[np.ravel_multi_index(tuple(self._corner.T), self._bricks.coarse_shape)] = np.arange(len(mixed))
         brick = number[wall.brick]
-        sign[brick >= 0] = pattern.reshape(-1, len(mixed))[wall.place[brick >= 0], brick[brick >= 0]]
+        sign[brick >= 0] = pattern.reshape(self._grid.split**3, len(mixed))[wall.place[brick >= 0], brick[brick >= 0]]
         return {WALL: (sign == 255)[wall.cell], OTHER_WALL: (sign == 0)[wall.cell]}

@@ -23,6 +23,7 @@ from pipeline.surfaces.droplets import droplet_boxes, find_droplets
 from pipeline.surfaces.fraction_field import SUPPORT, FractionField, sided_fraction, smooth_fraction, smoothing_filter
 from pipeline.surfaces.levels import DenseLevels, SharpLevels
 
+SMOOTHING = {False: 1.0, True: 0.5}     # spacings: edges of splashes and blocks stay, interfaces are smooth
 OFFSET_ROUNDS = 3               # with three liquids and more every offset touches the others
 OFFSET_LIMIT = 0.8              # of a difference of fractions that lies in -1..1
 OFFSET_LIMIT_OPEN = 0.4         # two of them must not turn void into liquid
@@ -63,16 +64,17 @@ class Reconstructor:
     liquids : number of liquids.
     cell_ratio : cell of the grid in particle spacings.
     method : "sharp" (cut along the wall), "flying_edges" or "marching_cubes"; in two dimensions without meaning.
-    smoothing_length : of the fractions, in particle spacings; 0 switches it off.
+    smoothing_length : of the fractions, in particle spacings; 0 switches it off, None takes a default.
     free_surface : whether the liquids leave a part of the cavity void.
     """
 
     def __init__(self, initial: dict, liquids: int, *, cell_ratio: float = 0.5, method: str = "sharp",
-                 smoothing_length: float = 0.9, free_surface: bool = False):
+                 smoothing_length: float | None = None, free_surface: bool = False):
         # Outside the wall too few neighbors are left to tell void from liquid.
         beyond = 1e-6 if free_surface else 2.0 * max(cell_ratio, 0.5)
         self.grid, self.method = CavityGrid(initial, cell_ratio, beyond), method
-        self.filter = smoothing_filter(smoothing_length, self.grid.coarse_cell / self.grid.spacing).astype(np.float32)
+        length = SMOOTHING[free_surface] if smoothing_length is None else smoothing_length
+        self.filter = smoothing_filter(length, self.grid.coarse_cell / self.grid.spacing).astype(np.float32)
         self.cavity_volume = self.grid.cavity_volume
         self.field = FractionField(self.grid.spacing, self.grid.origin, self.grid.origin + self.grid.extent, liquids)
         self.free_surface = free_surface
