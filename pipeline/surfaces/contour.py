@@ -1,5 +1,6 @@
 """Closed triangle meshes from a field on a grid, and what can be told about them."""
 import dataclasses
+import functools
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -19,7 +20,7 @@ class TriangleMesh:
     @property
     def volume(self) -> float:
         """Enclosed volume, m**3."""
-        return float(self._parts().sum())
+        return float(self._parts.sum())
 
     @property
     def counts(self) -> dict[str, int]:
@@ -46,8 +47,9 @@ class TriangleMesh:
         links = self.triangles[:, [0, 1, 0, 2]].reshape(-1, 2)
         graph = coo_matrix((np.ones(len(links), bool), tuple(links.T)), shape=(len(self.vertices),) * 2)
         pieces, label = connected_components(graph, directed=False)
-        return np.sort(np.bincount(label[self.triangles[:, 0]], self._parts(), minlength=pieces))[::-1]
+        return np.sort(np.bincount(label[self.triangles[:, 0]], self._parts, minlength=pieces))[::-1]
 
+    @functools.cached_property
     def _parts(self) -> np.ndarray:
         # The middle as origin keeps the digits of meshes far from the corner of the container.
         return signed_volumes(self.vertices, self.triangles, self.vertices.mean(axis=0) if len(self.vertices) else 0.0)

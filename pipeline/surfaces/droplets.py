@@ -26,13 +26,52 @@ def find_droplets(frame: FrameData, liquid: int, spacing: float) -> list[np.ndar
     members = np.flatnonzero(frame.phase == liquid)
     if not len(members):
         return []
-    pairs = cKDTree(frame.position[members]).query_pairs(LINK_DISTANCE * spacing, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(members),) * 2)
-    count, label = connected_components(graph, directed=False)
-    size = np.bincount(label, minlength=count)
-    order = np.argsort(label, kind="stable")
-    pieces = np.split(members[order], np.cumsum(size)[:-1])
-    return [piece for piece in pieces if len(piece) <= DROPLET_PARTICLES]
+    position = frame.position[members].astype(float) / (LINK_DISTANCE * spacing)
+    label = _surely_linked(position)
+    # What this has already put into bulk stays there: only the rest has to be looked at pair by pair.
+    few = np.flatnonzero(np.bincount(label)[label] <= DROPLET_PARTICLES)
+    if len(few):
+        found = cKDTree(position).query_ball_point(position[few], 1.0)
+        one, other = np.repeat(few, [len(near) for near in found]), np.concatenate(found).astype(int)
+        label = _pieces(label.max() + 1, label[one], label[other])[label]
+    small = np.flatnonzero(np.bincount(label)[label] <= DROPLET_PARTICLES)
+    order = small[np.argsort(label[small], kind="stable")]
+    return np.split(members[order], np.flatnonzero(np.diff(label[order])) + 1) if len(small) else []
+
+
+def _surely_linked(position: np.ndarray) -> np.ndarray:
+    """Labels (n,) of particles: those with one label hang together by links not longer than 1, and most that do have.
+
+    In bins with a diagonal of 1 all particles are linked; of neighboring bins only the first particles are compared.
+    """
+    dimension = position.shape[1]
+    place = ((position - position.min(axis=0)) * dimension**0.5).astype(np.int32) + 1
+    shape = place.max(axis=0) + 2
+    flat = np.ravel_multi_index(tuple(place.T), shape)
+    first = np.full(np.prod(shape), -1, np.int32)
+    first[flat] = np.arange(len(flat), dtype=np.int32)
+    bins = np.flatnonzero(first >= 0)
+    center = np.ascontiguousarray(position[first[bins]].T, np.float32)
+    number = first      # of the bin from now on
+    number[bins] = np.arange(len(bins), dtype=np.int32)
+    strides = np.cumprod([1, *shape[:0:-1]])[::-1]
+    ones, others = [], []
+    for step in np.ndindex(*[3] * dimension):
+        change = int((np.array(step) - 1) @ strides)
+        if change > 0:
+            other = number[bins + change]
+            one = np.flatnonzero(other >= 0)
+            other = other[one]
+            near = sum((axis[one] - axis[other]) ** 2 for axis in center) < 0.999       # in single precision
+            ones.append(one[near])
+            others.append(other[near])
+    return _pieces(len(bins), np.concatenate(ones), np.concatenate(others))[number[flat]]
+
+
+def _pieces(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Piece (count,) of everything, of which ``one`` and ``other`` (k,) are linked."""
+    graph = coo_matrix((np.ones(len(one), bool), (one, other)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 @dataclasses.dataclass

@@ -34,6 +34,7 @@ from pipeline.surfaces.cut_cells import (
 from pipeline.surfaces.droplets import DropletBox
 
 OFFSET_REACH = 0.05     # change of an offset for which the bricks are chosen at first
+SLOPE_REACH = 0.1       # of the level on both sides of a surface, where its slope is measured
 BRICK_MARGIN = 1e-3     # of the level, for the rounding of splines
 
 
@@ -102,12 +103,14 @@ class DenseLevels(Levels):
         self.method = method
         self._values = np.stack([_upsampled(one, grid.split) for one in coefficients])
 
-    def volume(self, offset: np.ndarray, phase: int) -> float:
-        """Volume (m**3; m**2 in 2D) inside the surface of a phase."""
+    def volume(self, offset: np.ndarray, phase: int) -> tuple[float, float]:
+        """Volume (m**3; m**2 in 2D) inside the surface of a phase, and by how much it grows with its offset."""
         inside = self._inside(offset, phase)
+        nearby = ((np.abs(inside) < SLOPE_REACH) & (self.grid.depth > SLOPE_REACH)).sum()
+        growth = nearby * self.grid.cell**self.grid.dimension / (2.0 * SLOPE_REACH)
         if self.grid.dimension == 2:
-            return float(enclosed_areas(inside[None], self.grid.cell)[0])
-        return contour(inside, self.grid.origin, self.grid.cell, self.method).volume
+            return float(enclosed_areas(inside[None], self.grid.cell)[0]), growth
+        return contour(inside, self.grid.origin, self.grid.cell, self.method).volume, growth
 
     def surfaces(self, offset: np.ndarray, count: int) -> list[TriangleMesh] | list[ContourLines]:
         """Closed surfaces, in 2D closed lines, of the first ``count`` phases."""
@@ -148,9 +151,10 @@ class SharpLevels(Levels):
         self._last = None
         self._choose_bricks(OFFSET_REACH)
 
-    def volume(self, offset: np.ndarray, phase: int) -> float:
-        """Volume, m**3, inside the surface of a phase."""
-        return self._cut(offset, phase).volume
+    def volume(self, offset: np.ndarray, phase: int) -> tuple[float, float]:
+        """Volume, m**3, inside the surface of a phase, and by how much it grows with its offset."""
+        cut = self._cut(offset, phase)
+        return cut.volume, cut.growth
 
     def surfaces(self, offset: np.ndarray, count: int) -> list[TriangleMesh]:
         """Closed surfaces of the first ``count`` phases; two that are alone share all of their interface."""
@@ -171,11 +175,28 @@ class SharpLevels(Levels):
         chosen &= self.grid.wall.inside | (self.grid.wall.bricks.number >= 0)
         chosen[-1], chosen[:, -1], chosen[:, :, -1] = False, False, False
         self._reach, self._bricks = reach, Bricks(chosen, self.grid.split)
-        self._values = np.stack([self._bricks.sample(one) for one in self.coefficients])
+        self._values = np.stack([self._bricks.sample(one) for one in self.coefficients[:-1]] or [[]])
+        self._values = np.concatenate([self._values, 1.0 - self._values.sum(axis=0, keepdims=True)])
         self._raises = []
         for phase, fine, level in self.of_droplets:
             nodes = self._bricks.find(fine)
             self._raises.append((phase, nodes[nodes >= 0], level[nodes >= 0]))
+        self._crossed = self._near_zero(reach)
+        self._nodes = self._bricks.nodes(self._crossed)
+
+    def _near_zero(self, reach: float) -> np.ndarray:
+        """Numbers (n,) of the chosen bricks at whose nodes levels can have both signs."""
+        nodes = self._bricks.nodes(np.arange(self._bricks.count))
+        near = np.zeros(self._bricks.count, bool)
+        for a, b, *_ in self._pairs:
+            difference = (self._values[a] - self._values[b])[nodes]
+            near |= (difference.min(axis=(0, 1, 2)) < reach + BRICK_MARGIN) & \
+                (difference.max(axis=(0, 1, 2)) > -reach - BRICK_MARGIN)
+        for _, own, _ in self._raises:
+            raised = np.zeros(self._values.shape[1], bool)
+            raised[own] = True
+            near |= raised[nodes].any(axis=(0, 1, 2))
+        return np.flatnonzero(near)
 
     def _cut(self, offset: np.ndarray, phase: int) -> "Cut":
         if self._last and self._last[:2] == (phase, tuple(offset)):
@@ -187,27 +208,33 @@ class SharpLevels(Levels):
         for liquid, nodes, level in self._raises:
             _raise(raised, liquid, nodes, level)
         coarse = excess(self.coefficients + offset.astype(np.float32).reshape(-1, 1, 1, 1), phase) > 0.0
-        self._last = phase, tuple(offset), Cut(self.grid, self._bricks, away_from_zero(excess(raised, phase)), coarse)
+        level = away_from_zero(excess(raised, phase))
+        self._last = phase, tuple(offset), Cut(self.grid, self._bricks, self._crossed, self._nodes, level, coarse)
         return self._last[2]
 
 
 class Cut:
     """The cavity cut along the zero of a level: the interface, and the wall on both sides of it.
 
+    Attributes
+    ----------
+    growth : by how much the volume grows with the level, m**3; roughly.
+
     Parameters
     ----------
-    bricks : all in which the level has both signs.
-    level : (m,) float32 at their nodes, nowhere 0.
-    positive : (nx, ny, nz) its sign in the other bricks.
+    bricks : with nodes around all that the level crosses.
+    crossed : (n,) numbers of those in which it may have both signs.
+    nodes : (split + 1, split + 1, split + 1, n) their nodes.
+    level : (m,) float32 at all nodes, nowhere 0.
+    positive : (nx, ny, nz) its sign in all other coarse cells; changed.
     """
 
-    def __init__(self, grid: CavityGrid, bricks: Bricks, level: np.ndarray, positive: np.ndarray):
-        self._grid, self._bricks, self._level = grid, bricks, level
-        wall, positive_node = grid.wall, level > 0.0
-        nodes = bricks.nodes(np.arange(bricks.count))
-        inside = positive_node[nodes].reshape((grid.split + 1) ** 3, bricks.count)
+    def __init__(self, grid: CavityGrid, bricks: Bricks, crossed: np.ndarray, nodes: np.ndarray, level: np.ndarray,
+                 positive: np.ndarray):
+        self._grid, self._bricks, self._level, wall = grid, bricks, level, grid.wall
+        inside = (level > 0.0)[nodes].reshape((grid.split + 1) ** 3, len(crossed))
         mixed = np.flatnonzero(inside.any(axis=0) != inside.all(axis=0))
-        self._nodes, corner = np.ascontiguousarray(nodes[..., mixed]), bricks.corner[mixed]
+        self._nodes, corner = np.ascontiguousarray(nodes[..., mixed]), bricks.corner[crossed[mixed]]
         self._corner, self._block = corner, level[self._nodes]
         row = wall.bricks.number[tuple(corner.T)]
         self._row = np.where(row < wall.bricks.count, row, -1)
@@ -215,10 +242,10 @@ class Cut:
         depth_pattern = np.zeros(pattern.shape, np.uint8)
         depth_pattern[..., at_wall] = wall.pattern[..., self._row[at_wall]]
         depth_pattern[..., ~at_wall & wall.inside[tuple(corner.T)]] = 255
-        crossed = (pattern != 0) & (pattern != 255) & (depth_pattern != 0)
-        simple = crossed & (depth_pattern == 255) & ~ambiguous()[pattern]
+        cut = (pattern != 0) & (pattern != 255) & (depth_pattern != 0)
+        simple = cut & (depth_pattern == 255) & ~ambiguous()[pattern]
         whole = self._simple(np.nonzero(simple), pattern[simple])
-        patch, cut, points = self._general(np.nonzero(crossed & ~simple))
+        patch, cut, points = self._general(np.nonzero(cut & ~simple))
         # Points on edges of cells are numbered by edge at first: 3 node + axis.
         edges = len(level) * 3
         used = np.zeros(edges, bool)
@@ -228,13 +255,14 @@ class Cut:
         number = np.zeros(edges, np.int64)
         number[slots] = np.arange(len(slots))
         cut = np.where(cut < edges, number[np.minimum(cut, edges - 1)], cut - edges + len(slots))
-        self._vertices = np.concatenate([self._on_edges(slots), wall.vertices, points])
+        places, rise = self._on_edges(slots)
+        # Along the lines of the grid in each of three directions, the inside grows where they cross the surface.
+        self.growth = float((grid.cell**3 / 3.0 / rise).sum())
+        self._vertices = np.concatenate([places, wall.vertices, points])
         self._interface = np.concatenate([number[whole], cut[patch == INTERFACE]])
         self._cut_wall = {kind: cut[patch == kind] for kind in (WALL, OTHER_WALL)}
         self._first_of_wall = len(slots)
-        # In bricks without both signs the first node tells which.
-        positive = positive.copy()
-        positive[tuple(bricks.corner[:bricks.count].T)] = inside[0]
+        positive[tuple(bricks.corner.T)] = level[::grid.split**3] > 0.0
         self._whole_wall = self._sides_of_wall(pattern, mixed, positive)
 
     @property
@@ -296,12 +324,13 @@ class Cut:
         step = np.ravel_multi_index(tuple(CORNERS[EDGE_ENDS[:, 0]].T), self._nodes.shape[:3]) * self._nodes.shape[3]
         return self._nodes.ravel()[cells + step[edge]].astype(np.int64) * 3 + EDGE_AXIS[edge]
 
-    def _on_edges(self, slots: np.ndarray) -> np.ndarray:
-        """Points (n, 3), m, where the level is zero on edges (n,)."""
+    def _on_edges(self, slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3), m, where the level is zero on edges (n,), and by how much it rises along these (n,)."""
         node, axis = np.divmod(slots, 3)
         start, step = self._bricks.fine_indices(node), np.eye(3, dtype=int)[axis]
         low, high = (self._level[nodes].astype(float) for nodes in (node, self._bricks.find(start + step)))
-        return self._grid.origin + self._grid.cell * (start + (low / (low - high))[:, None] * step)
+        places = start + (low / (low - high))[:, None] * step
+        return self._grid.origin + self._grid.cell * places, np.abs(high - low)
 
     def _sides_of_wall(self, pattern: np.ndarray, mixed: np.ndarray, positive: np.ndarray) -> dict[int, np.ndarray]:
         """Which triangles of the wall are whole on either side, (t,) bool each."""

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
@@ -29,7 +29,8 @@ OFFSET_LIMIT = 0.8              # of a difference of fractions that lies in -1..
 OFFSET_LIMIT_OPEN = 0.4         # two of them must not turn void into liquid
 OFFSET_TOLERANCE = 1e-5
 VOLUME_TOLERANCE = 2e-4         # relative, where the search for the offset stops
-FULL = 0.8                      # share of space filled by particles, from which on there is no void
+FULL = 0.6                      # share of space filled by particles, from which on there is no void
+MIXED, NOTHING = -1, -2         # what is around a node, in place of the number of one liquid
 LEAST_ROOM = 0.05               # share of the kernel inside the cavity, below which nothing is divided by it
 SECTION_LEVEL, SECTION_DEPTH = 0.25, 1e-3       # where dominance and distance (m) in the section are cut off
 SECTION_PIXELS = 480            # nodes of the section along its longer side, at least
@@ -181,15 +182,15 @@ class Reconstructor:
         position, volume = frame.position[keep].astype(np.float64), np.asarray(frame.volume)[keep]
         fraction, phase = np.asarray(frame.volume_fraction)[keep], frame.phase[keep]
         self.field.load(position, volume, fraction, phase)
-        alone = self._alone(position, volume, fraction)[self.grid.near]
-        near = np.full((len(alone), self.field.liquids), np.nan, np.float32)
+        alone = self._alone(position, volume, fraction)
+        near, mixed = np.full((len(alone), self.field.liquids), np.nan, np.float32), alone == MIXED
         near[alone >= 0] = np.eye(self.field.liquids, dtype=np.float32)[alone[alone >= 0]]
-        weight, share = self.field.sample(self.grid.near_nodes[alone < 0])
-        near[alone < 0] = smooth_fraction(weight, share)
+        weight, share = self.field.sample(self.grid.near_nodes[mixed])
+        near[mixed] = smooth_fraction(weight, share)
         known = np.isfinite(near[:, 0])
         if self.free_surface:
-            filled = np.ones((len(alone), 1), np.float32)
-            filled[alone < 0, 0] = np.clip(weight.sum(axis=1) / self.room[alone < 0], 0.0, 1.0)     # (U3)
+            filled = (alone >= 0).astype(np.float32)[:, None]
+            filled[mixed, 0] = np.clip(weight.sum(axis=1) / self.room[mixed], 0.0, 1.0)     # (U3)
             near = np.concatenate([np.where(known[:, None], filled * near, 0.0), 1.0 - filled], axis=1)
         elif not known.all():
             _, nearest = cKDTree(self.grid.near_nodes[known]).query(self.grid.near_nodes[~known])
@@ -203,23 +204,32 @@ class Reconstructor:
         return values
 
     def _alone(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """The liquid that is alone around every coarse node, -1 where there are others or void: no sum is needed."""
+        """The liquid that is alone around every near node, where no sum is needed: else MIXED, or NOTHING around."""
         shape, cell = self.grid.shape, self.grid.coarse_cell
-        place = tuple(np.clip(((position - self.grid.origin) / cell).astype(int), 0, np.array(shape) - 1).T)
-        code = np.where(fraction.max(axis=1) > 1.0 - 1e-6, fraction.argmax(axis=1), -1).astype(np.int8)
-        least, most = np.full(shape, 127, np.int8), np.full(shape, -1, np.int8)
-        np.minimum.at(least, place, code)
-        np.maximum.at(most, place, code)
-        filled = np.bincount(np.ravel_multi_index(place, shape), volume, minlength=least.size).reshape(shape)
-        filled = filled.astype(np.float32) / cell**len(shape)
+        place = np.clip((position - self.grid.origin) / cell, 0.0, np.array(shape) - 1.001).astype(np.float32)
+        lowest = place.astype(np.int32)
+        flat = np.ravel_multi_index(tuple(lowest.T), shape)
+        code = np.where(fraction.max(axis=1) > 1.0 - 1e-6, fraction.argmax(axis=1), MIXED).astype(np.int8)
+        least, most = np.full(shape, 127, np.int8), np.full(shape, NOTHING, np.int8)
+        np.minimum.at(least.ravel(), flat, code)
+        np.maximum.at(most.ravel(), flat, code)
         reach = int(np.ceil(SUPPORT * self.grid.spacing / cell))
-        for axis in range(len(shape)):
-            filled = uniform_filter1d(filled, 3, axis=axis, mode="constant")
         for axis in range(len(shape)):      # cells from reach below the node to reach above it
             least = minimum_filter1d(least, 2 * reach, axis=axis, mode="nearest")
             most = maximum_filter1d(most, 2 * reach, axis=axis, mode="nearest")
-            filled = minimum_filter1d(filled, 2 * reach, axis=axis, mode="nearest")
-        return np.where((least == most) & (not self.free_surface or filled > FULL), most, -1)
+        alone = np.where((least == most) | (most == NOTHING), most, MIXED)
+        if self.free_surface:
+            # Volumes shared among the nodes of the cells are even where particles are, whatever their places.
+            filled, strides = np.zeros(alone.size), np.cumprod([1, *shape[:0:-1]])[::-1]
+            beyond, amount = place - lowest, volume.astype(np.float32) / np.float32(cell) ** len(shape)
+            for corner in np.ndindex(*[2] * len(shape)):
+                share = np.where(corner, beyond, 1.0 - beyond).prod(axis=1) * amount
+                filled += np.bincount(flat + int(np.dot(corner, strides)), share, minlength=alone.size)
+            filled = filled.reshape(shape).astype(np.float32)
+            for axis in range(len(shape)):
+                filled = minimum_filter1d(filled, 2 * reach + 1, axis=axis, mode="nearest")
+            alone = np.where((alone >= 0) & (filled < FULL), MIXED, alone)
+        return alone[self.grid.near]
 
     def _bulk_offsets(self, target: np.ndarray) -> np.ndarray:
         """One offset per phase (the first stays 0) such that every surface holds its target volume.
@@ -244,18 +254,20 @@ class Reconstructor:
         """Change the offset of ``phase`` in place until the surfaces of ``judged`` together hold their targets."""
         sign, wanted = 1.0 if phase in judged else -1.0, target[judged].sum()
 
-        def error(value: float) -> float:
+        def error(value: float) -> tuple[float, float]:
             offset[phase] = value
-            relative = sum(self._levels.volume(offset, one) for one in judged) / wanted - 1.0
-            return 0.0 if abs(relative) < VOLUME_TOLERANCE else sign * relative
+            volume, growth = np.sum([self._levels.volume(offset, one) for one in judged], axis=0)
+            relative = volume / wanted - 1.0
+            return 0.0 if abs(relative) < VOLUME_TOLERANCE else sign * relative, growth / wanted
 
         limit = OFFSET_LIMIT if not self.free_surface else OFFSET_LIMIT_OPEN
-        low, high, value, off = -limit, limit, 0.0, error(0.0)
-        # The surface of a ball would have to move by a third of the error times its radius.
-        change = -0.3 * off * wanted ** (1.0 / self.grid.dimension) / self.grid.spacing
+        low, high, value = -limit, limit, 0.0
+        off, slope = error(value)
         while off and high - low > OFFSET_TOLERANCE:
             low, high = (value, high) if off < 0.0 else (low, value)
             before, off_before = value, off
-            value = value + change if low < value + change < high else 0.5 * (low + high)
-            off = error(value)
-            change = -off * (value - before) / (off - off_before) if off != off_before else 0.0
+            value -= off / slope if slope else 0.0
+            if not low < value < high:
+                value = 0.5 * (low + high)
+            off, _ = error(value)
+            slope = (off - off_before) / (value - before)
