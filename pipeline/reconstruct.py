@@ -135,7 +135,7 @@ def main(arguments: list[str] | None = None) -> None:
     reconstructor = Reconstructor(
         initial, len(scene.liquids), cell_ratio=scene.output.cell_ratio,
         method=scene.output.contour, smoothing_length=scene.output.smoothing_length,
-        free_surface=not scene.closed)
+        kernel=scene.output.kernel, free_surface=not scene.closed)
     wall = None
     if options.eye and scene.eye is not None and scene.dimension == 3:
         wall = Wall(scene, initial, read_surface(options.eye))

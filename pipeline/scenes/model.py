@@ -108,10 +108,12 @@ class Output:
     frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
     cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
     contour: str = parameter("sharp", choices=("sharp", "flying_edges", "marching_cubes"),
-                             meaning="surface algorithm; sharp cuts along the wall, the others round where they meet it")
+                             meaning="surface algorithm; only sharp keeps the edge at the wall")
+    kernel: str = parameter("isotropic", choices=("isotropic", "anisotropic"),
+                            meaning="kernel of the surface: round, or stretched along the surface")
     smoothing_length: float | None = parameter(
         None, minimum=0.0, maximum=3.0,
-        meaning="length of the surface smoothing in particle spacings, else 1 in a full cavity, 0.5 with a free surface")
+        meaning="surface smoothing in particle spacings, else 1 in a full cavity, 0.5 with a free surface")
     image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
     formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
 

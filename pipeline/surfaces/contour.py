@@ -52,7 +52,8 @@ class TriangleMesh:
     @functools.cached_property
     def _parts(self) -> np.ndarray:
         # The middle as origin keeps the digits of meshes far from the corner of the container.
-        return signed_volumes(self.vertices, self.triangles, self.vertices.mean(axis=0) if len(self.vertices) else 0.0)
+        middle = self.vertices.mean(axis=0) if len(self.vertices) else np.zeros(3)
+        return signed_volumes(self.vertices, self.triangles, middle)
 
 
 def signed_volumes(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ are the borders of three patches: the interface, and the wall on both sides of i
 so cells that share it agree, and all that is put together of patches is closed.
 """
 import functools
+import itertools
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -102,7 +103,7 @@ def triangle_table() -> tuple[np.ndarray, np.ndarray]:
             loop = [first]
             while (edge := following.pop(loop[-1])) != first:
                 loop.append(edge)
-            fan = [(loop[0], *pair) for pair in zip(loop[1:-1], loop[2:], strict=True)]
+            fan = [(loop[0], *pair) for pair in itertools.pairwise(loop[1:])]
             triangles[pattern] += fan
             triangles[255 - pattern] += [(a, c, b) for a, b, c in fan]
     count = np.cumsum([0, *map(len, triangles)])

@@ -23,7 +23,13 @@ class FractionField:
     particle_spacing : m.
     lower, upper : (D,) m, box that holds every particle that matters; others are moved to its border bins.
     liquids : number of liquids.
+
+    Attributes
+    ----------
+    reach : distance up to which a particle counts, in spacings.
     """
+
+    reach = SUPPORT
 
     def __init__(self, particle_spacing: float, lower: np.ndarray, upper: np.ndarray, liquids: int):
         self.particle_spacing = particle_spacing
@@ -35,18 +41,25 @@ class FractionField:
 
     def load(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray, phase: np.ndarray) -> None:
         """Take over the particles: (n, D) m, (n,) m**3 (m**2 in 2D), (n, liquids), (n,)."""
-        scaled = (in_space(np.asarray(position, np.float64)) - self.lower) / self.particle_spacing
-        limit = np.array(self.bins) - 1
-        bins = np.clip(np.floor(scaled).astype(np.int64), 0, limit)
-        flat = np.ravel_multi_index(tuple(bins.T), self.bins)
-        order = np.argsort(flat, kind="stable")
+        scaled = self._scaled(position)
+        order, self._start = self._sorted(scaled)
         self._position = np.ascontiguousarray(scaled[order], np.float32)
         relative = np.asarray(volume)[order] / self.particle_spacing**self.dimension
         self._weight = np.ascontiguousarray(relative * NORMALIZATION[self.dimension] / SUPPORT**self.dimension,
                                             np.float32)
         self._fraction = np.ascontiguousarray(np.asarray(fraction)[order], np.float32)
         self._phase = np.ascontiguousarray(np.asarray(phase)[order], np.int32)
-        self._start = np.searchsorted(flat[order], np.arange(np.prod(self.bins) + 1)).astype(np.int32)
+
+    def _scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) in spacings from the corner of the box."""
+        return (in_space(np.asarray(points, np.float64)) - self.lower) / self.particle_spacing
+
+    def _sorted(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Order (n,) by bins of one spacing, and where each of these starts."""
+        bins = np.clip(np.floor(scaled).astype(np.int64), 0, np.array(self.bins) - 1)
+        flat = np.ravel_multi_index(tuple(bins.T), self.bins)
+        order = np.argsort(flat, kind="stable")
+        return order, np.searchsorted(flat[order], np.arange(np.prod(self.bins) + 1)).astype(np.int32)
 
     def sample(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sums at points (m, D) in m.
@@ -61,11 +74,13 @@ class FractionField:
         weight = np.zeros((count, self.liquids), np.float32)
         share = np.zeros((count, self.liquids, self.liquids), np.float32)
         if count and len(self._position):
-            scaled = (in_space(np.asarray(points, np.float64)) - self.lower) / self.particle_spacing
-            scaled = scaled.astype(np.float32)
-            _gather(scaled, self._position, self._weight, self._fraction, self._phase, self._start,
-                    *self.bins, self.liquids, weight, share)
+            self._gather(self._scaled(points).astype(np.float32), weight, share)
         return weight, share
+
+    def _gather(self, points: np.ndarray, weight: np.ndarray, share: np.ndarray) -> None:
+        """Fill the sums at scaled points (m, 3)."""
+        _gather(points, self._position, self._weight, self._fraction, self._phase, self._start, *self.bins,
+                self.liquids, weight, share)
 
 
 def in_space(points: np.ndarray) -> np.ndarray:

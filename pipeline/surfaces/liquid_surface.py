@@ -16,11 +16,12 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData
+from pipeline.surfaces.anisotropic_field import AnisotropicField
 from pipeline.surfaces.cavity_grid import CavityGrid
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
 from pipeline.surfaces.droplets import droplet_boxes, find_droplets
-from pipeline.surfaces.fraction_field import SUPPORT, FractionField, sided_fraction, smooth_fraction, smoothing_filter
+from pipeline.surfaces.fraction_field import FractionField, sided_fraction, smooth_fraction, smoothing_filter
 from pipeline.surfaces.levels import DenseLevels, SharpLevels
 
 SMOOTHING = {False: 1.0, True: 0.5}     # spacings: edges of splashes and blocks stay, interfaces are smooth
@@ -66,11 +67,12 @@ class Reconstructor:
     cell_ratio : cell of the grid in particle spacings.
     method : "sharp" (cut along the wall), "flying_edges" or "marching_cubes"; in two dimensions without meaning.
     smoothing_length : of the fractions, in particle spacings; 0 switches it off, None takes a default.
+    kernel : "isotropic", or "anisotropic": stretched along the surface.
     free_surface : whether the liquids leave a part of the cavity void.
     """
 
     def __init__(self, initial: dict, liquids: int, *, cell_ratio: float = 0.5, method: str = "sharp",
-                 smoothing_length: float | None = None, free_surface: bool = False):
+                 smoothing_length: float | None = None, kernel: str = "isotropic", free_surface: bool = False):
         # Outside the wall too few neighbors are left to tell void from liquid.
         beyond = 1e-6 if free_surface else 2.0 * max(cell_ratio, 0.5)
         self.grid, self.method = CavityGrid(initial, cell_ratio, beyond), method
@@ -78,6 +80,9 @@ class Reconstructor:
         self.filter = smoothing_filter(length, self.grid.coarse_cell / self.grid.spacing).astype(np.float32)
         self.cavity_volume = self.grid.cavity_volume
         self.field = FractionField(self.grid.spacing, self.grid.origin, self.grid.origin + self.grid.extent, liquids)
+        self._sums = self.field if kernel == "isotropic" else AnisotropicField(
+            self.grid.spacing, self.grid.origin, self.grid.origin + self.grid.extent, liquids,
+            initial.get("wall_position"))
         self.free_surface = free_surface
         self.room = self._room(initial) if free_surface else None
         self._section = self._section_nodes() if self.grid.dimension == 3 and not free_surface else None
@@ -181,11 +186,11 @@ class Reconstructor:
         keep[[particle for few in droplets for piece in few for particle in piece]] = False
         position, volume = frame.position[keep].astype(np.float64), np.asarray(frame.volume)[keep]
         fraction, phase = np.asarray(frame.volume_fraction)[keep], frame.phase[keep]
-        self.field.load(position, volume, fraction, phase)
+        self._sums.load(position, volume, fraction, phase)
         alone = self._alone(position, volume, fraction)
         near, mixed = np.full((len(alone), self.field.liquids), np.nan, np.float32), alone == MIXED
         near[alone >= 0] = np.eye(self.field.liquids, dtype=np.float32)[alone[alone >= 0]]
-        weight, share = self.field.sample(self.grid.near_nodes[mixed])
+        weight, share = self._sums.sample(self.grid.near_nodes[mixed])
         near[mixed] = smooth_fraction(weight, share)
         known = np.isfinite(near[:, 0])
         if self.free_surface:
@@ -197,9 +202,9 @@ class Reconstructor:
             near[~known] = near[known][nearest]
         values = near.T[:, self.grid.extension]
         # The last fraction is what the others leave.
-        for phase in range(len(values) - 1):
+        for liquid in range(len(values) - 1):
             for axis in range(self.grid.dimension):
-                values[phase] = correlate1d(values[phase], self.filter, axis=axis, mode="nearest")
+                values[liquid] = correlate1d(values[liquid], self.filter, axis=axis, mode="nearest")
         values[-1] = 1.0 - values[:-1].sum(axis=0)
         return values
 
@@ -213,19 +218,19 @@ class Reconstructor:
         least, most = np.full(shape, 127, np.int8), np.full(shape, NOTHING, np.int8)
         np.minimum.at(least.ravel(), flat, code)
         np.maximum.at(most.ravel(), flat, code)
-        reach = int(np.ceil(SUPPORT * self.grid.spacing / cell))
+        reach = int(np.ceil(self._sums.reach * self.grid.spacing / cell))
         for axis in range(len(shape)):      # cells from reach below the node to reach above it
             least = minimum_filter1d(least, 2 * reach, axis=axis, mode="nearest")
             most = maximum_filter1d(most, 2 * reach, axis=axis, mode="nearest")
         alone = np.where((least == most) | (most == NOTHING), most, MIXED)
         if self.free_surface:
             # Volumes shared among the nodes of the cells are even where particles are, whatever their places.
-            filled, strides = np.zeros(alone.size), np.cumprod([1, *shape[:0:-1]])[::-1]
+            amounts, strides = np.zeros(alone.size), np.cumprod([1, *shape[:0:-1]])[::-1]
             beyond, amount = place - lowest, volume.astype(np.float32) / np.float32(cell) ** len(shape)
             for corner in np.ndindex(*[2] * len(shape)):
                 share = np.where(corner, beyond, 1.0 - beyond).prod(axis=1) * amount
-                filled += np.bincount(flat + int(np.dot(corner, strides)), share, minlength=alone.size)
-            filled = filled.reshape(shape).astype(np.float32)
+                amounts += np.bincount(flat + int(np.dot(corner, strides)), share, minlength=alone.size)
+            filled = amounts.reshape(shape).astype(np.float32)
             for axis in range(len(shape)):
                 filled = minimum_filter1d(filled, 2 * reach + 1, axis=axis, mode="nearest")
             alone = np.where((alone >= 0) & (filled < FULL), MIXED, alone)

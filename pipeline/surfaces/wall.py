@@ -69,7 +69,7 @@ class Wall:
         cell, edge = table_triangles(np.where(simple, pattern, 0))
         rest = np.flatnonzero(~simple)
         depth = self.depth[(*(place[k][rest, None] + CORNERS[:, k] for k in range(3)), brick[rest, None])]
-        of, _, code, spot, of_center, center = patches(np.ones_like(depth), depth)
+        of, _, code, _, of_center, center = patches(np.ones_like(depth), depth)
         # Edges first, then the centers of loops.
         keys, keep = self.edge_key(fine[cell][:, None], edge), code < CODES
         other = np.where(keep, self.edge_key(fine[rest][of][:, None], np.where(keep, code - DEPTH, 0)), -1)

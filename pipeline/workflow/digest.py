@@ -11,8 +11,8 @@ from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
 WORDS = ("title", "description", "label")
-PICTURE = ("output.cell_ratio", "output.contour", "output.smoothing_length", "output.image_size", "output.formats",
-           "output.second_means")
+PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoothing_length", "output.image_size",
+           "output.formats", "output.second_means")
 COLORS = ("liquids.color", "liquids.clear", "liquids.source")
 LOOKS = (*COLORS, "eye.side")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
