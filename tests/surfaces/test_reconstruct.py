@@ -48,6 +48,14 @@ def assert_closed(mesh):
     assert solid.volume == pytest.approx(mesh.volume, rel=1e-9) and mesh.volume > 0
 
 
+def test_stretched_kernels_keep_an_interface_flat():
+    for surface in Reconstructor(ball(), 2, kernel="anisotropic").surfaces(frame_of(POSITION, oil_fraction(POSITION))):
+        assert_closed(surface.mesh)
+        assert abs(surface.statistics["volume_error"]) < 0.003
+        center = surface.mesh.vertices[np.linalg.norm(surface.mesh.vertices, axis=1) < 0.6 * RADIUS]
+        assert center[:, 1].std() < 0.1 * SPACING
+
+
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("method", METHODS)
 def test_surfaces_are_closed_and_hold_the_volume(reconstructors, method, case):
@@ -115,6 +123,59 @@ def test_single_particles_become_droplets_of_their_volume(reconstructor):
     assert oil.statistics["droplets"] == len(chosen) and oil.statistics["components"] == len(chosen) + 1
     drops = oil.mesh.component_volumes()[1:]
     np.testing.assert_allclose(drops, frame.volume[0], rtol=0.05)
+
+
+@pytest.mark.parametrize("kernel", ["isotropic", "anisotropic"])
+@pytest.mark.parametrize("count", [1, 7, 50])
+def test_drops_have_the_volume_of_their_particles(kernel, count):
+    tree = cKDTree(POSITION)
+    _, drops = tree.query(6e-3 * np.vstack([np.eye(3), -np.eye(3)]), count)
+    fraction = np.zeros(len(POSITION))
+    fraction[drops.ravel()] = 1.0
+    frame = frame_of(POSITION, fraction)
+    water, oil = Reconstructor(ball(), 2, kernel=kernel).surfaces(frame)
+    assert_closed(oil.mesh)
+    assert_closed(water.mesh)
+    volumes = oil.mesh.component_volumes()
+    assert len(volumes) == 6
+    np.testing.assert_allclose(volumes, count * frame.volume[0], rtol=0.05)
+    # What is a drop of one is a hollow in the other, to the last bit.
+    hollow = {tuple(vertex) for vertex in water.mesh.vertices}
+    assert all(tuple(vertex) in hollow for vertex in oil.mesh.vertices)
+
+
+def test_contact_line_is_a_smooth_circle(reconstructor):
+    normal, height = np.array([0.0, np.cos(0.3), np.sin(0.3)]), 2e-3
+    oil = reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION, height=height, tilt=0.3)))[1].mesh
+    wall = (reconstructor.grid.depth_at(oil.vertices) < 0.02)[oil.triangles].all(axis=1)
+    edges = np.sort(np.concatenate([oil.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    of_wall = np.unique(edges[np.tile(wall, 3)], axis=0)
+    of_interface = np.unique(edges[np.tile(~wall, 3)], axis=0)
+    both, count = np.unique(np.concatenate([of_wall, of_interface]), axis=0, return_counts=True)
+    rim = oil.vertices[both[count == 2]]
+    length = np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum()
+    radius = np.linalg.norm(rim.mean(axis=1) - np.outer(rim.mean(axis=1) @ normal, normal), axis=1)
+    assert length == pytest.approx(2.0 * np.pi * radius.mean(), rel=0.03)       # no saw teeth
+    assert radius.mean() == pytest.approx(np.sqrt(RADIUS**2 - height**2), abs=0.25 * SPACING)
+
+
+def test_smoothing_does_not_depend_on_the_cell():
+    frame, roughness = frame_of(POSITION, oil_fraction(POSITION, height=0.3e-3)), []
+    for ratio in (0.5, 0.25):
+        oil = Reconstructor(ball(), 2, cell_ratio=ratio).surfaces(frame)[1].mesh
+        roughness.append(oil.vertices[np.linalg.norm(oil.vertices, axis=1) < 0.6 * RADIUS][:, 1].std())
+    assert roughness[1] == pytest.approx(roughness[0], rel=0.1)
+
+
+@pytest.mark.parametrize("kernel", ["isotropic", "anisotropic"])
+def test_kernels_do_not_shrink_a_ball_in_the_void(kernel):
+    position, radius = lattice()[np.linalg.norm(lattice(), axis=1) < 7e-3], 7e-3
+    arrays = ball() | {"wall_position": np.zeros((0, 3)), "wall_volume": np.zeros(0)}
+    frame = frame_of(position, np.ones((len(position), 1)), volume=np.full(len(position), SPACING**3), liquids=("oil",))
+    oil, = Reconstructor(arrays, 1, kernel=kernel, free_surface=True).surfaces(frame)
+    assert_closed(oil.mesh)
+    assert oil.mesh.volume == pytest.approx(len(position) * SPACING**3, rel=3e-3)
+    assert np.linalg.norm(oil.mesh.vertices, axis=1).mean() == pytest.approx(radius, abs=0.1 * SPACING)
 
 
 def test_volume_follows_particles_of_different_size(reconstructor):
