@@ -1,4 +1,7 @@
-"""Pieces of liquid of few particles: each has a level of its own, on which its surface holds their volume."""
+"""Pieces of liquid of few particles: each has a level of its own, on which its surface holds their volume.
+
+Equations: docs/methods/surfaces.md.
+"""
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -2,6 +2,7 @@
 
 The level of a liquid is its dominance: how far its fraction plus its offset exceeds those of all others. Droplets have
 levels of their own, and where one of these is higher it counts.
+Equations: docs/methods/surfaces.md.
 """
 import functools
 from collections.abc import Sequence

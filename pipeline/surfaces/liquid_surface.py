@@ -123,14 +123,14 @@ class Reconstructor:
         if self.free_surface:
             target = np.append(target, self.cavity_volume - expected.sum())
         offset = self._offset = self._bulk_offsets(target)
-        result = []
+        result, fill = [], volume @ np.asarray(frame.volume_fraction)
         for liquid, mesh in enumerate(self._levels.surfaces(offset, count)):
             others = np.delete(offset, liquid)
             result.append(LiquidSurface(mesh, mesh.counts | {
                 "watertight": mesh.is_closed(), "volume": mesh.volume,
                 "expected_volume": float(expected[liquid]),
                 "volume_error": float(mesh.volume / expected[liquid] - 1.0) if expected[liquid] else 0.0,
-                "liquid_volume": float(frame.fill[liquid]),
+                "liquid_volume": float(fill[liquid]),
                 "components": int((mesh.component_volumes() > 0).sum()),
                 "iso": float(0.5 - 0.5 * (offset[liquid] - others.max(initial=0.0) if len(others) else 0.0)),
                 "bulk_particles": int(bulk[liquid]), "droplets": len(droplets[liquid]),
