@@ -4,6 +4,7 @@ The level of a liquid is its dominance: how far its fraction plus its offset exc
 levels of their own, and where one of these is higher it counts.
 Equations: docs/methods/surfaces.md.
 """
+import abc
 import functools
 from collections.abc import Sequence
 
@@ -31,7 +32,7 @@ def excess(raised: np.ndarray, phase: int) -> np.ndarray:
     return raised[phase] - functools.reduce(np.maximum, others)
 
 
-class Levels:
+class Levels(abc.ABC):
     """Levels at points; what is common to both ways to find surfaces.
 
     Parameters
@@ -44,13 +45,13 @@ class Levels:
     def __init__(self, grid: CavityGrid, coefficients: np.ndarray, droplets: Sequence[DropletBox]):
         self.grid, self.coefficients, self.droplets = grid, coefficients, droplets
 
+    @abc.abstractmethod
     def volume(self, offset: np.ndarray, phase: int) -> tuple[float, float]:
         """Volume (m**3; m**2 in 2D) inside the surface of a phase, and by how much it grows with its offset."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def surfaces(self, offset: np.ndarray, count: int) -> Sequence[TriangleMesh | ContourLines]:
         """Closed surfaces, in 2D closed lines, of the first ``count`` phases."""
-        raise NotImplementedError
 
     def at(self, points: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Levels (n, phases) at points (n, D) in m."""
