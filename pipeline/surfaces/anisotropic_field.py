@@ -8,14 +8,13 @@ Equations: docs/methods/surfaces.md.
 import numpy as np
 import taichi as ti
 
-from pipeline.surfaces.fraction_field import SUPPORT, FractionField, Vector
+from pipeline.surfaces.fraction_field import SUPPORT, FractionField, Vector, bins_around
 
 NEIGHBORHOOD = 3.0      # radius in which the particles around one are looked at, in spacings
 DRAWN = 0.9             # share of the way from a particle to the center of those around it
 STRETCH = 4.0           # of the longest axis over any other, at most
 FEWEST = {2: 8, 3: 25}  # particles around one, below which its kernel is round, by dimension
 ROUND = 2.2             # support of a kernel that is not stretched, in spacings
-Matrix = ti.types.matrix(3, 3, ti.f32)
 
 
 class AnisotropicField(FractionField):
@@ -40,10 +39,6 @@ class AnisotropicField(FractionField):
         order, _ = self._sorted(self._scaled(moved))
         self._shape = np.ascontiguousarray(shape[order], np.float32)
         self._weight *= np.float32((SUPPORT / ROUND) ** self.dimension)
-
-    def _gather(self, points: np.ndarray, weight: np.ndarray, share: np.ndarray) -> None:
-        _gather_stretched(points, self._position, self._shape, self._weight, self._fraction, self._phase, self._start,
-                          *self.bins, self.reach, self.liquids, weight, share)
 
     def _shapes(self, position: np.ndarray, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centers (n, D), m, and matrices (n, 3, 3) that turn an offset in spacings into one in supports (U6)."""
@@ -89,8 +84,7 @@ def _moments(
     for i in range(position.shape[0]):
         point = position[i]
         total = ti.Vector.zero(ti.f32, 11)
-        low = ti.max(ti.cast(ti.floor(point - NEIGHBORHOOD), ti.i32), 0)
-        high = ti.min(ti.cast(ti.floor(point + NEIGHBORHOOD), ti.i32), ti.Vector([bins_x, bins_y, bins_z]) - 1)
+        low, high = bins_around(point, NEIGHBORHOOD, bins_x, bins_y, bins_z)
         if phase[i] >= 0 and low.z <= high.z:
             for bin_x, bin_y in ti.ndrange((low.x, high.x + 1), (low.y, high.y + 1)):
                 column = (bin_x * bins_y + bin_y) * bins_z
@@ -120,8 +114,7 @@ def _mean_drawn(
     for i in range(position.shape[0]):
         point = position[i]
         total, weights = point * 0.0, 0.0
-        low = ti.max(ti.cast(ti.floor(point - NEIGHBORHOOD), ti.i32), 0)
-        high = ti.min(ti.cast(ti.floor(point + NEIGHBORHOOD), ti.i32), ti.Vector([bins_x, bins_y, bins_z]) - 1)
+        low, high = bins_around(point, NEIGHBORHOOD, bins_x, bins_y, bins_z)
         if phase[i] >= 0 and low.z <= high.z:
             for bin_x, bin_y in ti.ndrange((low.x, high.x + 1), (low.y, high.y + 1)):
                 column = (bin_x * bins_y + bin_y) * bins_z
@@ -132,43 +125,3 @@ def _mean_drawn(
                         total += w * drawn[j]
                         weights += w
         mean[i] = total / ti.max(weights, 1e-12)
-
-
-@ti.kernel
-def _gather_stretched(
-    points: ti.types.ndarray(dtype=Vector, ndim=1),
-    position: ti.types.ndarray(dtype=Vector, ndim=1),
-    shape: ti.types.ndarray(dtype=Matrix, ndim=1),
-    volume: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    fraction: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    phase: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    bins_x: ti.i32, bins_y: ti.i32, bins_z: ti.i32,
-    reach: ti.f32,
-    liquids: ti.template(),
-    weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    share: ti.types.ndarray(dtype=ti.f32, ndim=3),
-):
-    for m in range(points.shape[0]):
-        point = points[m]
-        total = ti.Vector.zero(ti.f32, liquids)
-        parts = ti.Matrix.zero(ti.f32, liquids, liquids)
-        low = ti.max(ti.cast(ti.floor(point - reach), ti.i32), 0)
-        high = ti.min(ti.cast(ti.floor(point + reach), ti.i32), ti.Vector([bins_x, bins_y, bins_z]) - 1)
-        if low.z <= high.z:
-            for bin_x, bin_y in ti.ndrange((low.x, high.x + 1), (low.y, high.y + 1)):
-                column = (bin_x * bins_y + bin_y) * bins_z
-                for j in range(start[column + low.z], start[column + high.z + 1]):
-                    q = (shape[j] @ (point - position[j])).norm()
-                    if q < 1.0:
-                        s = (1.0 - q) * (1.0 - q)
-                        w = volume[j] * s * s * (4.0 * q + 1.0)
-                        for p in ti.static(range(liquids)):
-                            of_phase = ti.select(phase[j] == p, w, 0.0)
-                            total[p] += of_phase
-                            for liquid in ti.static(range(liquids)):
-                                parts[p, liquid] += of_phase * fraction[j, liquid]
-        for p in ti.static(range(liquids)):
-            weight[m, p] = total[p]
-            for liquid in ti.static(range(liquids)):
-                share[m, p, liquid] = parts[p, liquid]

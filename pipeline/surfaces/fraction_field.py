@@ -13,6 +13,8 @@ SUPPORT = 2.5  # in particle spacings; smaller is rougher, larger wipes out film
 NORMALIZATION = {2: 7.0 / np.pi, 3: 10.5 / np.pi}       # of Wendland C2 with support 1, by dimension
 FILTER_CUT = 1e-3       # of its largest weight, where the filter ends
 Vector = ti.types.vector(3, ti.f32)
+Matrix = ti.types.matrix(3, 3, ti.f32)
+ROUND_KERNELS = np.zeros((1, 3, 3), np.float32)         # in place of shapes, not read
 
 
 class FractionField:
@@ -30,6 +32,7 @@ class FractionField:
     """
 
     reach = SUPPORT
+    _shape: np.ndarray | None = None  # (n, 3, 3) where kernels are stretched: from an offset in spacings to supports
 
     def __init__(self, particle_spacing: float, lower: np.ndarray, upper: np.ndarray, liquids: int):
         self.particle_spacing = particle_spacing
@@ -74,13 +77,11 @@ class FractionField:
         weight = np.zeros((count, self.liquids), np.float32)
         share = np.zeros((count, self.liquids, self.liquids), np.float32)
         if count and len(self._position):
-            self._gather(self._scaled(points).astype(np.float32), weight, share)
+            stretched = self._shape is not None
+            _gather(self._scaled(points).astype(np.float32), self._position,
+                    self._shape if stretched else ROUND_KERNELS, self._weight, self._fraction, self._phase, self._start,
+                    *self.bins, self.reach, stretched, self.liquids, weight, share)
         return weight, share
-
-    def _gather(self, points: np.ndarray, weight: np.ndarray, share: np.ndarray) -> None:
-        """Fill the sums at scaled points (m, 3)."""
-        _gather(points, self._position, self._weight, self._fraction, self._phase, self._start, *self.bins,
-                self.liquids, weight, share)
 
 
 def in_space(points: np.ndarray) -> np.ndarray:
@@ -132,15 +133,26 @@ def smoothing_filter(length: float, cell: float) -> np.ndarray:
     return weights / weights.sum()
 
 
+@ti.func
+def bins_around(point, reach, bins_x, bins_y, bins_z):
+    """The first and the last bin within reach of a point, along every axis."""
+    low = ti.max(ti.cast(ti.floor(point - reach), ti.i32), 0)
+    high = ti.min(ti.cast(ti.floor(point + reach), ti.i32), ti.Vector([bins_x, bins_y, bins_z]) - 1)
+    return low, high
+
+
 @ti.kernel
 def _gather(
     points: ti.types.ndarray(dtype=Vector, ndim=1),
     position: ti.types.ndarray(dtype=Vector, ndim=1),
+    shape: ti.types.ndarray(dtype=Matrix, ndim=1),
     volume: ti.types.ndarray(dtype=ti.f32, ndim=1),
     fraction: ti.types.ndarray(dtype=ti.f32, ndim=2),
     phase: ti.types.ndarray(dtype=ti.i32, ndim=1),
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
     bins_x: ti.i32, bins_y: ti.i32, bins_z: ti.i32,
+    reach: ti.f32,
+    stretched: ti.template(),
     liquids: ti.template(),
     weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
     share: ti.types.ndarray(dtype=ti.f32, ndim=3),
@@ -150,16 +162,20 @@ def _gather(
         # Sums of this point alone, in local variables: no atomic additions, one order.
         total = ti.Vector.zero(ti.f32, liquids)
         parts = ti.Matrix.zero(ti.f32, liquids, liquids)
-        low = ti.max(ti.cast(ti.floor(point - SUPPORT), ti.i32), 0)
-        high = ti.min(ti.cast(ti.floor(point + SUPPORT), ti.i32), ti.Vector([bins_x, bins_y, bins_z]) - 1)
+        low, high = bins_around(point, reach, bins_x, bins_y, bins_z)
         if low.z <= high.z:
             for bin_x, bin_y in ti.ndrange((low.x, high.x + 1), (low.y, high.y + 1)):
                 # Bins along z are neighbors in memory: one run of particles for each column of bins.
                 column = (bin_x * bins_y + bin_y) * bins_z
                 for j in range(start[column + low.z], start[column + high.z + 1]):
-                    squared = (point - position[j]).norm_sqr()
-                    if squared < SUPPORT * SUPPORT:
-                        q = ti.sqrt(squared) / SUPPORT
+                    away = point - position[j]
+                    if ti.static(stretched):
+                        away = shape[j] @ away
+                    else:
+                        away /= reach
+                    squared = away.norm_sqr()
+                    if squared < 1.0:
+                        q = ti.sqrt(squared)
                         s = (1.0 - q) * (1.0 - q)
                         w = volume[j] * s * s * (4.0 * q + 1.0)
                         for p in ti.static(range(liquids)):
