@@ -76,11 +76,7 @@ def read_surface(path: Path):
     ------
     UserError : the file is missing.
     """
-    import pyvista
-
-    if not Path(path).is_file():
-        raise UserError(f"{path}: no such surface; run the reconstruct stage first")
-    return pyvista.read(path)
+    return _read(path, "surface")
 
 
 def lines_of(surface) -> list[np.ndarray]:
@@ -142,11 +138,7 @@ def read_wall(path: Path):
     ------
     UserError : the file is missing.
     """
-    import pyvista
-
-    if not Path(path).is_file():
-        raise UserError(f"{path}: no such wall; run the reconstruct stage first, with --eye")
-    return pyvista.read(path)
+    return _read(path, "wall", hint=", with --eye")
 
 
 def read_retina(path: Path) -> dict[str, dict[str, float]]:
@@ -169,8 +161,13 @@ def read_section(path: Path):
     ------
     UserError : the file is missing.
     """
+    return _read(path, "section")
+
+
+def _read(path: Path, what: str, hint: str = ""):
+    """Read a VTK file."""
     import pyvista
 
     if not Path(path).is_file():
-        raise UserError(f"{path}: no such section; run the reconstruct stage first")
+        raise UserError(f"{path}: no such {what}; run the reconstruct stage first{hint}")
     return pyvista.read(path)
