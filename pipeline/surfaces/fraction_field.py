@@ -169,13 +169,12 @@ def _gather(
                 column = (bin_x * bins_y + bin_y) * bins_z
                 for j in range(start[column + low.z], start[column + high.z + 1]):
                     away = point - position[j]
+                    support = SUPPORT
                     if ti.static(stretched):
-                        away = shape[j] @ away
-                    else:
-                        away /= reach
+                        away, support = shape[j] @ away, 1.0
                     squared = away.norm_sqr()
-                    if squared < 1.0:
-                        q = ti.sqrt(squared)
+                    if squared < support * support:
+                        q = ti.sqrt(squared) / support
                         s = (1.0 - q) * (1.0 - q)
                         w = volume[j] * s * s * (4.0 * q + 1.0)
                         for p in ti.static(range(liquids)):
