@@ -63,11 +63,6 @@ class WallMapper:
         fraction = np.stack([self._fraction(near, contact, side) for side in (True, False)], axis=-1)
         return WallMap(distance - moved, fraction, moved)
 
-    def share(self, contact_distance: np.ndarray, mask: np.ndarray | None = None) -> float:
-        """Return the covered share of the wall, or of its vertices in ``mask`` (n,); NaN if that has none."""
-        area = self.area if mask is None else self.area * mask
-        return float(area[contact_distance > 0.0].sum() / area.sum()) if area.any() else np.nan
-
     def _weights(self, contact: WallContact) -> csr_matrix:
         """Shares (n, m) of the wall points in the average at every vertex; a lonely vertex has the nearest point."""
         reach = AVERAGED * contact.particle_spacing
