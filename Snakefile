@@ -74,6 +74,7 @@ rule all:
         expand("outputs/{scene}/{level}/effects.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/cost.html", scene=flow.names, level=flow.accuracy),
         expand("outputs/{scene}/{level}/run.pvd", scene=flow.names, level=flow.accuracy),
+        "outputs/software.html",
     message:
         "all done: {input}"
 
@@ -87,3 +88,4 @@ include: "rules/measures.smk"
 include: "rules/pages.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
+include: "rules/software.smk"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
+from pipeline.base.project import PROJECT
 from pipeline.scenes.checks import check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
@@ -19,7 +20,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
 LEVEL_NAME = r"[A-Za-z0-9_-]+"
-PROJECT_CONFIG = Path(__file__).parents[2] / "config"
+PROJECT_CONFIG = PROJECT / "config"
 
 
 def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:
