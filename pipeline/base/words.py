@@ -32,3 +32,8 @@ def printable(text: str, longest: int = LONGEST) -> str:
     """
     shown = text if len(text) <= longest else f"{text[:longest]}..."
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in shown)
+
+
+def no_formula(text: str) -> str:
+    """Return a text that matplotlib draws as it stands, be there dollar signs in it; its lines can be wrapped."""
+    return text.replace("$", r"\$")

@@ -256,8 +256,8 @@ def _frames_end_with_the_scene(output: Output) -> Found:
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
     elif count > MOST_SEGMENTS * output.frames_per_segment:
         yield (("output", "frames_per_segment"),
-               f"is {output.frames_per_segment}, which makes more than {MOST_SEGMENTS} segments of {round(count)} frames, "
-               f"but must be at least {math.ceil(count / MOST_SEGMENTS)}")
+               f"is {output.frames_per_segment}, but must be at least {math.ceil(count / MOST_SEGMENTS)}, which makes "
+               f"{MOST_SEGMENTS} segments of {round(count)} frames")
 
 
 @_check

@@ -19,6 +19,7 @@ from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
+from sim.parameters import parameter
 
 STUDIES = Path("config/studies")
 OUTPUTS = Path("outputs")
@@ -164,11 +165,18 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
             cases |= _family_cases(family, declared[family], _Level(accuracy, levels), errors)
     elif not declared:
         errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
+    words = reader.record(_Words, {key: data[key] for key in ("title", "description") if key in data})
     report = data.get("report", REPORTS[0])
     if report not in REPORTS:
         errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(REPORTS)}")
     errors.raise_any()
-    return Study(name, str(data.get("title", name)), str(data.get("description", "")), accuracy, cases, report)
+    return Study(name, words.title or name, words.description, accuracy, cases, report)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Words:
+    title: str = parameter("", longest=200, meaning="heading of the page")
+    description: str = parameter("", longest=5000, meaning="what the study asks")
 
 
 @dataclasses.dataclass(frozen=True)
