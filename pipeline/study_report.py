@@ -8,6 +8,7 @@ from pathlib import Path
 from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import replacing, write_text
+from pipeline.base.words import no_formula
 from pipeline.study_kit.model import COLUMNS, Curve, Figure, Outcome
 from pipeline.study_kit.plan import Study, load_study
 
@@ -75,12 +76,12 @@ def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
             continue
         color, marker = next(looks)
         if curve.style == "line":
-            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=curve.label)
+            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=no_formula(curve.label))
         else:
             joined = "-" if figure.logarithmic else ""
-            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=curve.label)
+            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=no_formula(curve.label))
     for curve, dashes in zip(references.values(), itertools.cycle(("-", "--", ":", "-."))):
-        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=curve.label, zorder=5)
+        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=no_formula(curve.label), zorder=5)
     if figure.logarithmic:
         axes.set(xscale="log", yscale="log")
     axes.set(xlabel=figure.x, ylabel=figure.y)
