@@ -261,7 +261,6 @@ def main(arguments: list[str] | None = None) -> None:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
         use_working_opengl()
-        import pyvista
 
         eye = read_vtk(options.eye)
     cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])

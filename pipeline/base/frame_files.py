@@ -27,8 +27,8 @@ POINT_UNITS = {
 }
 FIELD_UNITS = {
     "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
-    "wall_contacts": "1", "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s", "residual_maximum": "1",
-    "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
+    "wall_contacts": "1", "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s",
+    "residual_maximum": "1", "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
     "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
 }
 TEXTS = ("scene", "liquids", "units")

@@ -129,8 +129,8 @@ def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
         When the file holds no state of such a solver.
     """
     if reason := unlike(state, runner.solver.state()):
-        raise UserError(f"{path}: is no checkpoint that this scene can start from ({reason}); it must have the same eye, "
-                        "particle spacing and liquids")
+        raise UserError(f"{path}: is no checkpoint that this scene can start from ({reason}); it must have the same "
+                        "eye, particle spacing and liquids")
     if begins:
         planned = tuple(f"{effect.name}." for effect in runner.solver.effects if effect.planned)
         state = {key: value for key, value in state.items() if not key.startswith(planned)}

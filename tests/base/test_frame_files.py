@@ -185,8 +185,11 @@ def test_no_file_of_a_run_can_run_code(tmp_path):
 def test_a_file_is_on_the_disk_before_it_gets_its_name(tmp_path, monkeypatch):
     """Else a loss of power may leave an empty file of that name; `benchmarks/faults/power_loss.py` takes it away."""
     done = []
-    def record(function, what):
-        monkeypatch.setattr(files.os, function, lambda *a, do=getattr(os, function): (done.append(what(*a)), do(*a))[1])
+
+    def record(name, what):
+        function = getattr(os, name)
+        monkeypatch.setattr(files.os, name, lambda *given: (done.append(what(*given)), function(*given))[1])
+
     record("fsync", lambda descriptor: ("disk", os.readlink(f"/proc/self/fd/{descriptor}").rpartition("/")[2]))
     record("replace", lambda old, new: ("rename", str(new).rpartition("/")[2]))
     files.write_text(tmp_path / "table.csv", "1")
