@@ -38,6 +38,8 @@ def main(arguments: list[str] | None = None) -> None:
     picture.unlink(missing_ok=True)
     for sentence in report.get("repairs", ()):
         print(f"repair: {sentence}")
+    for sentence in report.get("warnings", ()):
+        print(f"warning: {sentence}")
     print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")
 
 

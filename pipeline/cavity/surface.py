@@ -39,7 +39,8 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
     if not eye.path:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
     imported = import_mesh(eye.path, eye.unit, eye.force)
-    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
+    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
+                           "warnings": list(imported.warnings)}
 
 
 def write_container(container: Container, path: Path) -> dict:
