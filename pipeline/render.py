@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
 from pipeline.pictures.fundus_map import Coverage, FundusMap
@@ -260,9 +261,8 @@ def main(arguments: list[str] | None = None) -> None:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
         use_working_opengl()
-        import pyvista
 
-        eye = pyvista.read(options.eye)
+        eye = read_vtk(options.eye)
     cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])
     render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)
 
