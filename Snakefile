@@ -32,7 +32,7 @@ report: "docs/report/workflow.rst"
 # Snakemake tells OpenMP and the like how many threads a job has; this tells VTK and the drawing without a GPU.
 shell.prefix("set -euo pipefail; export VTK_SMP_MAX_THREADS=$OMP_NUM_THREADS LP_NUM_THREADS=$OMP_NUM_THREADS; ")
 
-flow = Workflow(config)
+flow = Workflow(config, elsewhere=workflow.resource_settings.max_threads is not None)
 SCENE = ancient("outputs/{scene}/{level}/scene.json")
 FRAMES = "outputs/{scene}/{level}/frames/segment_{segment}"
 IMAGES = "outputs/{scene}/{level}/images/segment_{segment}"
@@ -46,6 +46,11 @@ wildcard_constraints:
     level=flow.any_level,
     other=flow.any_level,
     segment=r"\d\d\d+",
+
+
+def cores():
+    """Return the cores that a job may have: --max-threads, which the profiles of clusters give, else all that are here."""
+    return workflow.resource_settings.max_threads or workflow.cores
 
 
 def all_segments(pattern):

@@ -45,7 +45,10 @@ rule voxelize:
         report="outputs/{scene}/{level}/voxelize.json",
     log:
         "outputs/{scene}/{level}/logs/voxelize.log",
-    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
+    threads: lambda w: flow.threads(w.scene, w.level, cores())
+    resources:
+        mem_mb=flow.memory("voxelize"),
+        gpu=flow.gpu,
     params:
         depends=flow.depends("voxelize"),
     message:

@@ -22,6 +22,8 @@ from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, solver_threads
 from pipeline.study_kit.plan import study_names
 from pipeline.workflow.digest import stage_digest
+from pipeline.workflow.memory import memory_of_stage
+from sim.cores import USEFUL_THREADS
 
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
@@ -64,6 +66,7 @@ class Workflow:
     Parameters
     ----------
     config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
+    elsewhere : jobs may run on other computers, whose cores and devices this one does not know: they ask themselves.
 
     Attributes
     ----------
@@ -73,7 +76,7 @@ class Workflow:
     device : option of every stage that starts the solver, empty where the scenes decide.
     """
 
-    def __init__(self, config: Mapping[str, Any]):
+    def __init__(self, config: Mapping[str, Any], elsewhere: bool = False):
         for key in config:
             if key not in KEYS:
                 stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")
@@ -88,7 +91,8 @@ class Workflow:
             stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
                  f"{nearest(self.accuracy, self.levels)}")
         self._device = config.get("device")
-        if self._device is not None:
+        self.elsewhere = elsewhere
+        if self._device is not None and not elsewhere:
             _read(checked_device, self._device, DEVICE)
         self.device = "" if self._device is None else f"--device {self._device}"
         self._scenes: dict[tuple[str, str], Scene] = {}
@@ -103,13 +107,33 @@ class Workflow:
         if (name, level) not in self._scenes:
             path = SCENES / f"{name}.yaml"
             scene = self._scenes[name, level] = _read(load_scene, path, level)
-            _read(chosen_threads, None, scene, path)
-            _read(chosen_device, self._device, scene, path, DEVICE)
+            if not self.elsewhere:
+                _read(chosen_threads, None, scene, path)
+                _read(chosen_device, self._device, scene, path, DEVICE)
         return self._scenes[name, level]
 
     def threads(self, name: str, level: str, cores: int) -> int:
-        """Return how many threads the solver of a scene gets where Snakemake has a number of cores."""
-        return solver_threads(self.scene(name, level), cores)
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
+
+        Elsewhere that is the number that one job may have.
+        """
+        scene = self.scene(name, level)
+        if self.elsewhere:
+            return min(scene.numerics.threads or USEFUL_THREADS, cores)
+        return solver_threads(scene, cores)
+
+    def memory(self, stage: str):
+        """Return a resource: the memory, MB, that a job of a stage needs; a job that is tried again gets more."""
+        most = functools.cache(lambda name, level: memory_of_stage(stage, self.scene(name, level)))
+        return lambda wildcards, attempt: attempt * most(wildcards.scene, wildcards.level)
+
+    def gpu(self, wildcards) -> int | None:
+        """Return a resource: the GPUs that a job of a scene needs; None where it needs none."""
+        return self.gpus(self.scene(wildcards.scene, wildcards.level).numerics.device)
+
+    def gpus(self, device: str) -> int | None:
+        """Return 1 where a job whose own device is ``device`` is to run on a GPU, else None."""
+        return 1 if (self._device or device) == "cuda" else None
 
     def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""

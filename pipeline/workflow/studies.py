@@ -5,6 +5,8 @@ from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
 from sim.cores import USEFUL_THREADS, available_cores
 
+CASE_MEMORY = 2000  # MB: enough for 100,000 particles; what a family computes is not known before
+
 
 class Studies:
     """The studies of one call of Snakemake; a study with errors matters to those only who ask for it.
@@ -62,12 +64,17 @@ class Studies:
         The cases of a study share the cores: many run side by side, a few get several each. What only reads the results
         of scenes needs one.
         """
-        asked, cases = self._case(name, level, case), self.study(name, level).cases.values()
+        asked = self._case(name, level, case)
         if asked.folders():
             return 1
-        cores = min(cores, available_cores())
-        share = min(cores // sum(not one.folders() for one in cases), USEFUL_THREADS)
+        cores = cores if self._flow.elsewhere else min(cores, available_cores())
+        share = min(cores // self.study(name, level).solving, USEFUL_THREADS)
         return min(max(getattr(asked.family, "THREADS", 1), share), cores)
+
+    @staticmethod
+    def memory(wildcards, attempt: int) -> int:
+        """Return a resource: the memory, MB, that a case may take; one that is tried again gets more."""
+        return attempt * CASE_MEMORY
 
     def depends(self, name: str, level: str, case: str) -> str:
         """Return a parameter that changes when the outcome of a case may change."""
