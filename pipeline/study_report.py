@@ -71,13 +71,13 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
     made = [outcome.pictures for outcome in outcomes]
-    made += [family.pictures(found) for family in study.families() if hasattr(family, "pictures")]
+    made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
     for pictures in made:
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
     parts = []
-    if study.report == "filled_eye":
+    if study.report == "filled_eye" and not failed:  # its words are about all cases
         from pipeline.study_kit.filled_eye_page import write_filled_eye
 
         parts = write_filled_eye(study.description, found, target)

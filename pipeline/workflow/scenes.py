@@ -7,7 +7,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +21,7 @@ from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, solver_threads
 from pipeline.study_kit.plan import study_names
+from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
 from sim.cores import USEFUL_THREADS
@@ -30,6 +31,7 @@ LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
 DEVICE = "--config device"
+WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd")
 
 
 def stop(*messages: str) -> NoReturn:
@@ -60,6 +62,16 @@ def _read(load, *arguments):
         stop(describe(error))
 
 
+def scene_names() -> list[str]:
+    """Return the names of all scenes."""
+    return sorted(path.stem for path in SCENES.glob("*.yaml"))
+
+
+def sha256(content: bytes) -> str:
+    """Return the digest of the content of files, 16 hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 class Workflow:
     """The scenes of one call of Snakemake.
 
@@ -84,6 +96,7 @@ class Workflow:
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
         probe(Path(".snakemake"))  # Snakemake's own notes: without them it ends with a traceback
+        restore_dates()
         self.names = list(dict.fromkeys(names))
         self.levels = tuple(_read(load_accuracy_levels, LEVELS))
         self.accuracy = config.get("accuracy")
@@ -156,6 +169,16 @@ class Workflow:
         eye = self.scene(name, level).eye
         return [eye.path] if eye is not None and eye.path else []
 
+    def wanted(self, names: Iterable[str]) -> list[str]:
+        """Return what is made of scenes unless somebody asks for less, at the accuracy level of this call."""
+        return [f"{OUTPUTS}/{name}/{self.accuracy}/{file}" for file in WANTED for name in names]
+
+    def unknown(self, word: str) -> NoReturn:
+        """End Snakemake with what there is: a word was asked for that is no rule, no scene and no study."""
+        known = [*scene_names(), *study_names()]
+        stop(f'no scene and no study is called "{word}"{nearest(word, known)}; the scenes are '
+             f"{', '.join(scene_names())}, the studies {', '.join(study_names())}")
+
     def compared(self, name: str, level: str, other: str) -> list[str]:
         """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
         if level == other:
@@ -192,7 +215,12 @@ class Workflow:
 
     def depends(self, stage: str):
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
-        digest = functools.cache(lambda name, level: stage_digest(stage, self.scene(name, level)))
+        def digest_of(name: str, level: str) -> str:
+            # A mesh of the user counts by what it holds: a copy of it has another date.
+            surface = [sha256(Path(path).read_bytes()) for path in self.mesh(name, level) if Path(path).is_file()]
+            return " ".join([stage_digest(stage, self.scene(name, level)), *(surface if stage == "eye" else [])])
+
+        digest = functools.cache(digest_of)
 
         def parameter(wildcards) -> str:
             name, level, segment = wildcards.scene, wildcards.level, getattr(wildcards, "segment", None)
@@ -205,7 +233,7 @@ class Workflow:
         """Return a parameter that changes with the errors that estimates tell."""
         from pipeline.forecast.expected_error import errors_file
 
-        return hashlib.sha256(errors_file().read_bytes()).hexdigest()[:16]
+        return sha256(errors_file().read_bytes())
 
     @staticmethod
     def page_texts(wildcards) -> str:
@@ -214,7 +242,7 @@ class Workflow:
 
         texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
         texts.append(SCENES / f"{wildcards.scene}.yaml")
-        return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(texts))).hexdigest()[:16]
+        return sha256(b"".join(path.read_bytes() for path in sorted(texts)))
 
     def tell_pages(self) -> None:
         """Print where the page and the pictures of every scene of this run are, as far as they have been made."""

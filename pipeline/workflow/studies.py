@@ -1,6 +1,7 @@
 """What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
 from pipeline.base.errors import UserError
 from pipeline.study_kit.plan import Study, cached_study, study_names
+from pipeline.study_report import SO_FAR, outcomes_so_far, write_study
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
 from sim.cores import USEFUL_THREADS, available_cores
@@ -19,6 +20,7 @@ class Studies:
     def __init__(self, flow: Workflow):
         self._flow = flow
         self.names = study_names()
+        self._asked: dict[tuple[str, str], None] = {}  # study and level, in the order of the rules
 
     def study(self, name: str, level: str) -> Study:
         """Return a study by name; one with errors ends Snakemake with one sentence for each."""
@@ -83,7 +85,18 @@ class Studies:
     def report_depends(self, name: str, level: str) -> str:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name, level)
+        self._asked[name, level] = None
         return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
+
+    def tell_so_far(self) -> None:
+        """Write and tell what is known of the studies of a run in which something has failed."""
+        for name, level in self._asked:
+            folder = OUTPUTS / "studies" / name / level
+            study = self.study(name, level)
+            outcomes = outcomes_so_far(study, folder)
+            if any(outcome.failure for outcome in outcomes):
+                write_study(study, outcomes, folder / SO_FAR)
+                print(f"{name} at {level}, as far as there are results: {folder / SO_FAR / 'table.html'}", flush=True)
 
     def _case(self, name: str, level: str, case: str):
         try:
