@@ -218,9 +218,9 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
     """Draw every frame of a folder; the folder of pictures appears by rename."""
     renderer: Any = ContainerRenderer(scene, eye_surface) if scene.container else \
         Renderer(scene, cavity_volume, eye_surface)
-    paths = find_frames(frames)
+    paths, label = find_frames(frames), f"{scene.name}: render {frames.name}"
     try:
-        with replacing_folder(output) as folder, progress(len(paths), "render") as bar:
+        with replacing_folder(output) as folder, progress(len(paths), label) as bar:
             for path in paths:
                 frame = read_frame(path)
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()

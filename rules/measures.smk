@@ -29,6 +29,8 @@ rule metrics:
         ),
     log:
         "outputs/{scene}/{level}/logs/metrics.log",
+    resources:
+        mem_mb=flow.memory("metrics"),
     params:
         depends=flow.depends("metrics"),
     message:

@@ -12,6 +12,8 @@ rule render:
         directory(IMAGES),
     log:
         "outputs/{scene}/{level}/logs/render_{segment}.log",
+    resources:
+        mem_mb=flow.memory("render"),
     params:
         depends=flow.depends("render"),
     message:

@@ -3,6 +3,7 @@ import dataclasses
 import functools
 import importlib
 import itertools
+import json
 import math
 import re
 import types
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.base.digest import call_digest
+from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
@@ -55,8 +56,7 @@ class Case:
         """The scene that the family solves by itself, if it does."""
         if not hasattr(self.family, "solves"):
             return []
-        name = self.family.solves(self.parameters)
-        return [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", self.accuracy)]
+        return [cached_scene(self.family.solves(self.parameters), self.accuracy)]
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -66,8 +66,9 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        scenes = [scene.to_json() for scene in self.solved()]
-        return call_digest(self.family.__name__, chosen, [dataclasses.asdict(self.parameters), *scenes])
+        scenes = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
+        values = json.dumps([dataclasses.asdict(self.parameters), *scenes], sort_keys=True)
+        return shortened(values, _code_digest(self.family.__name__, frozenset(chosen)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Study:
     accuracy: str
     cases: dict[str, Case]
     report: str = "curves"
+
+    @functools.cached_property
+    def solving(self) -> int:
+        """How many cases do more than read the results of scenes."""
+        return sum(not case.folders() for case in self.cases.values())
 
     def families(self) -> list[types.ModuleType]:
         """Families of the cases, each once."""
@@ -250,6 +256,24 @@ def _choices(parameters: type, block: dict[str, Any]) -> list[list]:
 
 def _is_list(kind: Any) -> bool:
     return typing.get_origin(kind) is tuple
+
+
+# A study of a thousand cases reads its scenes and its code once in a process, not a thousand times.
+
+@functools.cache
+def cached_scene(name: str, accuracy: str) -> Scene:
+    """Return a scene of ``config/scenes`` at a level."""
+    return load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", accuracy)
+
+
+@functools.cache
+def _scene_text(name: str, accuracy: str) -> str:
+    return cached_scene(name, accuracy).to_json()
+
+
+@functools.cache
+def _code_digest(module: str, chosen: frozenset[str]) -> str:
+    return shortened(code_used(module, chosen))
 
 
 @functools.cache
