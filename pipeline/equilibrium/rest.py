@@ -96,6 +96,12 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
     return Rest(cavity, length * distance, depth, fill, energy.value(distance), settled)
 
 
+def least_at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
+    """Return the shape with the least energy of those that filling in and taking out lead to; as ``at_rest``."""
+    found = [at_rest(cavity, liquids, down, fill, start) for start in (None, cavity.radius)]
+    return min(found, key=lambda rest: (not rest.settled, rest.energy))
+
+
 def refined_start(coarse: Rest, fine: StarCavity, cuts: int) -> np.ndarray:
     """Distances, m, for a cavity of one cut more, (n,): the gap of the coarse one halfway between its directions."""
     share = coarse.distance / coarse.cavity.radius
