@@ -274,7 +274,7 @@ def main(arguments: list[str] | None = None) -> None:
     write_table(options.output, table)
     courses = courses_of(table, scene)
     for course in courses:
-        print(f"{scene.name}: {course.words()}", flush=True)
+        print(f"{scene.name}: {course.sentence()}", flush=True)
     if rest := rest_in_words(table):
         print(f"{scene.name}: {rest}", flush=True)
     shown = shown_metrics(table, metrics_of(scene))

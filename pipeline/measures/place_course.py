@@ -74,11 +74,11 @@ class Course:
         return f"covered, and the oil reaches {value:.1f} mm beyond" if value > 0.0 else (
             f"bare in part: the oil would have to reach {-value:.1f} mm further")
 
-    def words(self) -> str:
-        """Return one sentence."""
-        never = "never covered" if np.isnan(self.times.first_covered) else f"first covered after {self._first()}"
-        return (f"break {self.name}: at the end {self.at_end}; {never}; longest time bare {self._bare()}; covered "
-                f"{self._share()} of the time")
+    def sentence(self) -> str:
+        """Return it in one sentence."""
+        first = "never covered" if np.isnan(self.times.first_covered) else f"first covered after {self._first()}"
+        return (f"Break {self.name.replace('_', ' ')}: at the end {self.at_end}; {first}, longest time bare "
+                f"{self._bare()}, covered {self._share()} of the time.")
 
     def cells(self) -> tuple[str, ...]:
         """Return its row of a table with ``HEADS``."""

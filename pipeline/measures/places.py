@@ -53,11 +53,11 @@ class Place:
 
     def covered_share(self, contact_distance: np.ndarray) -> float:
         """Share of it that the oil touches."""
-        return float(self.share @ (self.at_points(contact_distance) > 0.0))
+        return min(float(self.share @ (self.at_points(contact_distance) > 0.0)), 1.0)
 
     def band_share(self, contact_distance: np.ndarray, particle_spacing: float) -> float:
         """Share of it within one particle spacing of the edge."""
-        return float(self.share @ (np.abs(self.at_points(contact_distance)) < particle_spacing))
+        return min(float(self.share @ (np.abs(self.at_points(contact_distance)) < particle_spacing)), 1.0)
 
 
 @dataclasses.dataclass(frozen=True)

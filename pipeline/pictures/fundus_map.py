@@ -116,9 +116,9 @@ class FundusMap:
             for color, width in ((LINE, 1.3), (BREAK_COLOR, 0.8)):
                 pen.line([*places, places[1]], fill=color, width=max(2, round(width * self.unit)), joint="curve")
             if self.captions and name:
-                top = min(places, key=lambda place: place[1])
-                write(pen, (np.mean(places, axis=0)[0], top[1] - 1.8 * self.unit), name.replace("_", " "), 2.4 * self.unit,
-                      anchor="mm", outline=True, bold=True, color=BREAK_COLOR)
+                above = (np.mean(places, axis=0)[0], np.min(places, axis=0)[1] - 1.8 * self.unit)
+                write(pen, above, name.replace("_", " "), 2.4 * self.unit, anchor="mm", outline=True, bold=True,
+                      color=BREAK_COLOR)
         for color, point in marks:
             diamond(pen, self.place(np.asarray(point, float)), 1.5 * self.unit, color)
         if self.captions:
