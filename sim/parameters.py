@@ -18,6 +18,7 @@ def parameter(
     choices: Iterable[str | int] | None = None,
     liquid: bool = False,
     reason: str = "",
+    file: str = "",
 ):
     """Declare one parameter of an effect or of the numerics.
 
@@ -29,12 +30,13 @@ def parameter(
     minimum, maximum, exclusive_minimum : allowed range in that unit (of every component of a point).
     choices : the allowed words, for a parameter that is a word.
     liquid : True where the value names one of the scene's liquids.
+    file : kind of file that may be named in place of its values (``pipeline.scenes.value_files``).
     reason : why it cannot be left out, where its meaning does not say so.
     """
     metadata = {
         "meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum,
         "exclusive_minimum": exclusive_minimum, "choices": tuple(choices) if choices else None, "liquid": liquid,
-        "reason": reason,
+        "reason": reason, "file": file,
     }
     if isinstance(default, (list, dict)):
         raise TypeError("a parameter's default must be immutable")

@@ -8,7 +8,7 @@ import synthetic_frames
 from pipeline.equilibrium.star_cavity import icosphere
 from pipeline.measures import place_metrics
 from pipeline.measures.frame_view import Measured
-from pipeline.measures.place_course import Times, covered_spans, courses_of
+from pipeline.measures.place_course import Times, courses_of, covered_spans
 from pipeline.measures.places import FARTHEST, Places
 from pipeline.scenes.model import Break, Eye, Material, Output, Region, Scene
 from pipeline.scenes.retina import Patch, chart, direction
