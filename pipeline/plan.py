@@ -3,12 +3,15 @@
     python -m pipeline.plan --break 6h,60deg --size 2h
     python -m pipeline.plan --break 10:30,95deg --size 1h,15deg --lens pseudophakic --postures upright,left_side
     python -m pipeline.plan --break 5h,80deg --mesh my_eye.stl --output plan.html
+    python -m pipeline.plan --sequence config/scenes/day_of_postures.yaml
     python -m pipeline.plan --write-map              make the tables of the default eye anew
 
 Clock hours are those that an observer sees who faces the patient (chart of Amsler and Dubois): 12 is superior, 3 is on
 the patient's left. The angle is that from the posterior pole: macula 0, equator 90, ora serrata 115 degrees. A break is
 covered when the oil at rest touches all of it and a margin around it. A plan for the default eye is read from tables;
 for other eyes the shapes are computed, some seconds for each oil and posture, and kept in outputs/plans.
+
+--sequence takes the postures of a scene over time, and tells what its oil covers at rest in each, without a simulation.
 
 This is an illustration of physics, not for decisions on a patient.
 """
@@ -21,18 +24,23 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.equilibrium.rest import least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of, levels_of
-from pipeline.planning.breaks import read_break
+from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
-from pipeline.planning.report import html_of, text_of
+from pipeline.planning.report import NO_ADVICE, html_of, text_of
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
+from pipeline.planning.sequence import Sequence as PostureSequence
+from pipeline.planning.sequence import html_of as sequence_page
+from pipeline.planning.sequence import sequence_of
+from pipeline.planning.sequence import text_of as sequence_text
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES, Eye, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
-MAPS = 4    # answers that the page draws
+MAPS = 4            # answers that the page draws
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -44,12 +52,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         count = write_map(_question(options, settings, materials, "12h,0deg"))
         print(f"{count} tables of the default eye")
         return
+    if options.sequence is not None:
+        _write(options.output, sequence_of(options.sequence), sequence_text, sequence_page)
+        return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
-    question = _question(options, settings, materials, options.place)
     eye = _eye(options)
-    _, bounds = levels_of(eye)
-    found = answers(question, Tables(eye, options.cache), float(-bounds[0, 2]))
+    globe = float(-levels_of(eye)[1][0, 2])
+    question = _question(options, settings, materials, options.place, globe)
+    found = answers(question, Tables(eye, options.cache), globe)
     if options.confirm is not None:
         write_text(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
     text = text_of(question, found, eye)
@@ -64,10 +75,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _page(question: Question, found: Sequence[Answer], eye: Eye) -> str:
     """Return the page, with maps of the best answers."""
-    charts = Charts(cavity_of(eye), question.place, eye.side == "right")
-    maps = [charts.png(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
-                       min(answer.fill, question.largest_fill)) for answer in found[:MAPS]]
+    cavity = cavity_of(eye)
+    charts = Charts(cavity.wall, {"": question.place}, eye.side == "right")
+    maps = [charts.png(least_at_rest(cavity, question.liquids(question.oils[answer.oils[0]]),
+                                     postures()[answer.posture], min(answer.fill, question.largest_fill)))
+            for answer in found[:MAPS]]
     return html_of(question, found, eye, maps)
+
+
+def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
+    """Write a sequence as text or, into a file that ends in .html, as a page."""
+    if output is None:
+        sys.stdout.write(text(sequence, NO_ADVICE))
+    else:
+        write_text(output, (html if output.suffix == ".html" else text)(sequence, NO_ADVICE))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -76,8 +97,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--break", dest="place", metavar="HOUR,ANGLE",
                         help="middle of the break: clock hour and angle from the posterior pole, such as 6h,60deg")
     parser.add_argument("--size", default="1h", metavar="WIDTH,HEIGHT",
-                        help="width in clock hours, height in degrees, or both, such as 2h,15deg (default: 1h; 10 deg "
-                             "high)")
+                        help="width in clock hours, height in degrees or mm, or both, such as 2h,15deg or 3mm "
+                             "(default: 1h; 10 deg high)")
     parser.add_argument("--margin", default="0.5 mm", help="reach of the oil beyond the break (default: 0.5 mm)")
     parser.add_argument("--oil", metavar="OIL,...", help="oils to choose from (default: all of config/plan.yaml)")
     parser.add_argument("--postures", metavar="POSTURE,...", help=f"postures to choose from (default: all: "
@@ -93,17 +114,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--output", type=Path, help="file to write: a page if it ends in .html, else text")
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
                         help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml")
+    parser.add_argument("--sequence", type=Path, metavar="SCENE.yaml",
+                        help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")
     parser.add_argument("--write-map", action="store_true", help="make the tables of the default eye anew")
     return parser
 
 
-def _question(options: argparse.Namespace, settings: Settings, materials: dict[str, Material], place: str) -> Question:
+def _question(options: argparse.Namespace, settings: Settings, materials: dict[str, Material], place: str,
+              globe: float = GLOBE) -> Question:
     values = {"tension": options.tension, "contact_angle": options.contact_angle, "largest_fill": options.largest_fill}
     given = _record(Settings, {name: value for name, value in values.items() if value is not None}, settings)
     margin = _record(Margin, {"margin": options.margin}).margin
     oils = _chosen("--oil", options.oil, settings.oils)
-    return Question(read_break(place, options.size), margin, {name: materials[name] for name in oils},
+    return Question(read_break(place, options.size, globe), margin, {name: materials[name] for name in oils},
                     materials[settings.other_liquid], _chosen("--postures", options.postures, tuple(postures())),
                     given.tension, given.contact_angle, given.other_angles, given.largest_fill)
 

@@ -8,6 +8,7 @@ from pipeline.base.errors import UserError
 from pipeline.scenes.retina import ASSUMED_HEIGHT, HOUR, ORA, Patch, square
 from pipeline.scenes.units import parse_quantity
 
+GLOBE = 11.31e-3            # m, radius of the globe of the default eye
 _HOURS = re.compile(r"(\d{1,2}(?:\.\d+)?)\s*h|(\d{1,2}):([0-5]\d)")
 
 
@@ -27,7 +28,7 @@ class Break(Patch):
         return super().words(side) + (" (height assumed)" if self.height_assumed else "")
 
 
-def read_break(place: str, size: str, globe: float = 11.3e-3) -> Break:
+def read_break(place: str, size: str, globe: float = GLOBE) -> Break:
     """Read a break as users write it: "6h,60deg" (or "6:30, 60 deg") and "2h", "2h,15deg", "2h,3mm", "15deg" or "3mm".
 
     Parameters

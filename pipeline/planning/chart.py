@@ -1,12 +1,12 @@
 """Maps of the fundus for the page of a plan: what the oil of an answer touches, and the break."""
 import io
+from collections.abc import Mapping
 
 import numpy as np
 import pyvista
 
 from pipeline.equilibrium.contact import Contact
-from pipeline.equilibrium.rest import Liquids, at_rest
-from pipeline.equilibrium.star_cavity import StarCavity
+from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.scenes.retina import Patch
 
@@ -19,22 +19,19 @@ class Charts:
 
     Parameters
     ----------
-    cavity : of the eye. place : the break. right_eye : whether nasal is the patient's left.
+    wall : (n, 3) m, of its cavity. breaks : name -> where. right_eye : whether nasal is the patient's left.
     """
 
-    def __init__(self, cavity: StarCavity, place: Patch, right_eye: bool):
-        self._cavity = cavity
-        self._map = FundusMap(cavity.wall, SIZE, right_eye=right_eye, outlines={"": place.outline()})
+    def __init__(self, wall: np.ndarray, breaks: Mapping[str, Patch], right_eye: bool):
+        self._map = FundusMap(wall, SIZE, right_eye=right_eye,
+                              outlines={name: one.outline() for name, one in breaks.items()})
 
-    def png(self, liquids: Liquids, down: np.ndarray, fill: float) -> bytes:
-        """Return the map of the shape with the least energy, as a file."""
-        cavity = self._cavity
-        rests = [at_rest(cavity, liquids, down, fill, start) for start in (None, cavity.radius)]
-        least = min(rests, key=lambda rest: (not rest.settled, rest.energy))
-        wall = pyvista.PolyData(cavity.wall)
-        wall.point_data["contact_distance"] = Contact.of(least).margin
-        wall.point_data["oil_fraction_covered"] = np.ones(len(cavity.wall))
-        wall.point_data["oil_fraction_bare"] = np.zeros(len(cavity.wall))
+    def png(self, rest: Rest) -> bytes:
+        """Return the map of a shape at rest in this cavity, as a file."""
+        wall = pyvista.PolyData(rest.cavity.wall)
+        wall.point_data["contact_distance"] = Contact.of(rest).margin
+        wall.point_data["oil_fraction_covered"] = np.ones(wall.n_points)
+        wall.point_data["oil_fraction_bare"] = np.zeros(wall.n_points)
         image = self._map.draw(wall, uncertain=UNCERTAIN)
         file = io.BytesIO()
         image.save(file, "PNG")
