@@ -28,7 +28,7 @@ from pipeline.equilibrium.rest import least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of, levels_of
 from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
-from pipeline.planning.confirm import confirming_scene
+from pipeline.planning.confirm import confirmation, confirming_scene
 from pipeline.planning.report import NO_ADVICE, html_of, text_of
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
 from pipeline.planning.sequence import Sequence as PostureSequence
@@ -62,15 +62,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     question = _question(options, settings, materials, options.place, globe)
     found = answers(question, Tables(eye, options.cache), globe)
     if options.confirm is not None:
-        write_text(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
+        _write_if_new(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
     text = text_of(question, found, eye)
     if options.output is None:
         sys.stdout.write(text)
     else:
         write_text(options.output, _page(question, found, eye) if options.output.suffix == ".html" else text)
     if options.confirm is not None:
-        print(f"{options.confirm}: one simulation of this, to compare: snakemake -j2 "
-              f"outputs/{options.confirm.stem}/draft/metrics.html")
+        print("\n".join(confirmation(options.confirm, question, found[0])))
+
+
+def _write_if_new(path: Path, text: str) -> None:
+    """Write a file, unless it is as it should be: what was made from it stays up to date."""
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
 
 
 def _page(question: Question, found: Sequence[Answer], eye: Eye) -> str:
@@ -113,7 +118,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--largest-fill", help="share of the cavity that can be filled (default: config/plan.yaml)")
     parser.add_argument("--output", type=Path, help="file to write: a page if it ends in .html, else text")
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
-                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml")
+                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml, and tell "
+                             "how to simulate it, or, once that is done, whether the simulation agrees")
     parser.add_argument("--sequence", type=Path, metavar="SCENE.yaml",
                         help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")
