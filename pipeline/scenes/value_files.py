@@ -1,4 +1,7 @@
-"""Files that a scene names in place of the values of a parameter (``sim.parameters.parameter``, `file`)."""
+"""Files that a scene names in place of the values of a parameter (``sim.parameters.parameter``, `file`).
+
+Equations: docs/methods/gravity.md.
+"""
 import csv
 import math
 import re

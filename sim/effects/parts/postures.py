@@ -1,6 +1,7 @@
 """Postures of a patient, and how gravity turns in the eye from one to the other.
 
 Directions are those of gravity in an eye that looks ahead: x to the patient's left, y superior, z anterior.
+Equations: docs/methods/gravity.md.
 """
 import dataclasses
 import functools
@@ -109,7 +110,7 @@ def direction_of(posture: str, head_up: float = 0.0, roll: float = 0.0) -> np.nd
     """
     x, y, z = POSTURES[posture]
     turned = np.array([x * math.cos(roll) - z * math.sin(roll), y, x * math.sin(roll) + z * math.cos(roll)])
-    return turned if posture == "upright" else math.cos(head_up) * turned + math.sin(head_up) * UPRIGHT
+    return turned if posture == "upright" else math.cos(head_up) * turned + math.sin(head_up) * UPRIGHT  # (G8)
 
 
 def posture_in_words(posture: str, head_up: float = 0.0, roll: float = 0.0) -> str:
