@@ -104,13 +104,15 @@ def write_places(path: Path, scene: Scene, wall: Path) -> bool:
         return False
     eye = read_surface(wall)
     points, faces = np.asarray(eye.points, float), eye.regular_faces
-    names, corners, quads, number = [], [], [], []
+    names: list[str] = []
+    corners, quads, number, count = [], [], [], 0
     for kind, patches in scene.patches(globe_radius(points)).items():
         for name, patch in patches.items():
             meridian, latitude, _ = patch.grid(PLACE_STEP)
             corner, weight = interpolation(points, faces, direction(meridian, latitude))
             rows = len(np.unique(latitude))
-            index = (np.arange(len(meridian)) + sum(map(len, corners))).reshape(rows, -1)
+            index = (count + np.arange(len(meridian))).reshape(rows, -1)
+            count += len(meridian)
             cells = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
             corners.append(BEFORE_WALL * np.einsum("kc,kcx->kx", weight, points[corner]))
             quads.append(cells)

@@ -95,7 +95,7 @@ def _pressures(state: Measured) -> dict[str, tuple[float, float]]:
     light = densities[state.oil]
     level = {kind: state.frame.pressure[mask] - density * (position[mask] @ gravity)
              for kind, mask, density in (("oil", oil, light), ("aqueous", aqueous, heavy))}
-    error = np.hypot(*(_error_of_median(one) for one in level.values()))
+    error = np.hypot(_error_of_median(level["oil"]), _error_of_median(level["aqueous"]))
     jump = np.median(level["oil"]) - np.median(level["aqueous"])
     found = {}
     for name, one in state.places.breaks.items():

@@ -18,7 +18,8 @@ SMALLEST_SPAN = 0.02  # of an axis, over the largest number: what is less looks 
 DPI = 120
 INK = "#5c6670"
 # Color and hatch of yes, perhaps and no: those of the maps.
-BARS = {1.0: (tuple(COVERED / 255.0), ""), 0.5: ("#ffffff", "//////"), 0.0: (tuple(BARE / 255.0), "")}
+BARS = {1.0: ("#{:02x}{:02x}{:02x}".format(*COVERED), ""), 0.5: ("#ffffff", "//////"),
+        0.0: ("#{:02x}{:02x}{:02x}".format(*BARE), "")}
 
 
 def drawn_metrics(shown: Sequence[Shown]) -> list[Shown]:

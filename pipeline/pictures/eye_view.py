@@ -4,6 +4,7 @@ Every half shows its wall, painted by what touches it, and the interface of the 
 lies in one half is seen in the other, and no color mixes with another.
 """
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,8 @@ class EyeView:
         self.plotter.set_background("white", all_renderers=True)
         self._changing: list = []
         center = np.array(eye.center)
-        landmarks = [(line, LANDMARK_COLOR, size[1] / 450) for line in landmark_lines(eye, right_eye)]
+        landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 450)
+                                                   for line in landmark_lines(eye, right_eye)]
         landmarks += [(line, BREAK_COLOR, size[1] / 200) for line in break_lines(eye, breaks)]
         for row, (half, side) in enumerate(HALVES.items()):
             self.plotter.subplot(row, 0)

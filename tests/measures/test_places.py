@@ -1,15 +1,23 @@
 """Breaks and regions: where they are, what oil covers of them, how it presses, and when."""
 import dataclasses
+import json
 
 import numpy as np
 import pytest
+import pyvista
 import synthetic_frames
 
+from pipeline import metrics
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.tables import read_table
 from pipeline.equilibrium.star_cavity import icosphere
+from pipeline.exchange.run_index import write_places
 from pipeline.measures import place_metrics
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.place_course import Times, courses_of, covered_spans
 from pipeline.measures.places import FARTHEST, Places
+from pipeline.pictures.fundus_map import BREAK_COLOR, FundusMap
 from pipeline.scenes.model import Break, Eye, Material, Output, Region, Scene
 from pipeline.scenes.retina import Patch, chart, direction
 from sim.settings import Numerics
@@ -149,3 +157,65 @@ def test_a_diameter_is_a_length_on_the_retina():
     patch = Break("hole", hour=3.0, latitude=np.radians(30.0), diameter=2e-3).patch(11e-3)
     assert np.radians(patch.height) * 11e-3 == pytest.approx(2e-3)
     assert np.radians(patch.width) * np.sin(np.radians(30.0)) * 11e-3 == pytest.approx(2e-3)
+
+
+# Stages and pictures
+
+def surface(ball):
+    _, points, faces = ball
+    return pyvista.PolyData.from_regular_faces(points, faces)
+
+
+def test_the_stage_writes_columns_bars_and_when_breaks_were_covered(ball, tmp_path, capsys):
+    scene = measured(ball, regions=[LOWER_HALF]).scene
+    (tmp_path / "scene.json").write_text(scene.to_json())
+    np.savez(tmp_path / "initial.npz", **ball[0])
+    surface(ball).save(tmp_path / "eye.vtp")
+    position = ball[0]["fluid_position"]
+    for number, height in enumerate((12e-3, 9e-3, 5e-3, 0.0)):
+        fraction = synthetic_frames.oil_fraction(position, height=height)
+        write_frame(frame_path(tmp_path / "frames", number), synthetic_frames.frame_of(position, fraction,
+                                                                                      time=0.1 * number))
+    arguments = [str(tmp_path / name) for name in ("scene.json", "initial.npz", "frames")]
+    arguments += ["--output", str(tmp_path / "metrics.csv"), "--summary", str(tmp_path / "metrics.html"), "--plots",
+                  str(tmp_path / "plots"), "--meanings", str(tmp_path / "metrics.json")]
+    with pytest.raises(UserError, match="add --eye"):
+        metrics.main(arguments)
+    metrics.main([*arguments, "--eye", str(tmp_path / "eye.vtp")])
+    table = read_table(tmp_path / "metrics.csv")
+    assert table["break_covered_above [1]"][[0, -1]].tolist() == [0.0, 1.0]
+    assert (table["break_covered_below [1]"] == 0.0).all() and "region_coverage_lower [%]" in table
+    above, below = json.loads((tmp_path / "metrics.json").read_text())["breaks"]
+    assert 0.0 < above["times [s]"]["first_covered"] < 0.3 and below["times [s]"]["first_covered"] is None
+    assert (tmp_path / "plots" / "break_covered.png").is_file()
+    page = (tmp_path / "metrics.html").read_text()
+    assert "longest time bare" in page and "12 o&#39;clock (superior)" in page
+    assert "Break below: at the end bare in part" in capsys.readouterr().out
+
+
+def test_a_map_shows_the_break_in_its_place(ball):
+    wall = surface(ball)
+    for name in ("contact_distance", "oil_fraction_covered", "oil_fraction_bare"):
+        wall.point_data[name] = np.zeros(wall.n_points)
+    one = Patch(90.0, 60.0, 30.0, 15.0)  # three o'clock
+    chart = FundusMap(ball[1], (400, 400), captions=False, outlines={"tear": one.outline()})
+    pixels = np.asarray(chart.draw(wall, uncertain=0.0), int)
+    rows, columns = np.nonzero((np.abs(pixels - BREAK_COLOR) < 30).all(axis=-1))
+    expected = chart.place(direction(np.array([90.0]), np.array([60.0]))[0])
+    np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=5.0)
+    assert columns.min() > 210
+
+
+def test_places_are_a_part_of_the_index_of_a_run(ball, tmp_path):
+    surface(ball).save(tmp_path / "eye.vtp")
+    scene = measured(ball, regions=[LOWER_HALF]).scene
+    assert write_places(tmp_path / "places.vtp", scene, tmp_path / "eye.vtp")
+    found = pyvista.read(tmp_path / "places.vtp")
+    names = bytes(found.field_data["places"]).decode().split()
+    assert names == ["break_above", "break_below", "region_lower"]
+    centers = found.cell_centers().points
+    patches = [*scene.patches(RADIUS)["breaks"].values(), scene.patches(RADIUS)["regions"]["lower"]]
+    for index, patch in enumerate(patches):
+        assert patch.contains(centers[found.cell_data["place"] == index]).all()
+    assert not write_places(tmp_path / "none.vtp", dataclasses.replace(scene, breaks=(), regions=()),
+                            tmp_path / "eye.vtp")
