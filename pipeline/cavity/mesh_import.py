@@ -42,7 +42,7 @@ class MeshRefused(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class ImportedMesh:
-    """A closed surface in m with outward normals, and sentences: what was repaired, and what no eye's cavity is like."""
+    """A closed surface in m with outward normals, and sentences: what was repaired, what is unlike an eye."""
 
     mesh: trimesh.Trimesh
     repairs: tuple[str, ...]
@@ -144,8 +144,8 @@ def refuse_cut_short(path: Path) -> None:
     announced = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
     if head.lstrip().startswith(b"solid") and size != 84 + 50 * announced:
         if b"endsolid" not in tail:
-            raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy it "
-                            "again")
+            raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
+                            "it again")
     elif size < 84 + 50 * announced:
         raise UserError(f"{path} (eye.path): is cut short (it announces {announced} triangles and holds "
                         f"{max(size - 84, 0) // 50}), export or copy it again")
