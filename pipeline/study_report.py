@@ -34,11 +34,7 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    parts = []
-    if study.report == "filled_eye":
-        from pipeline.study_kit.filled_eye_page import write_filled_eye
-
-        parts = write_filled_eye(study.description, outcomes, target)
+    parts = study.page.write_page(study.description, outcomes, target) if study.page else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
