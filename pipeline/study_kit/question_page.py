@@ -79,6 +79,12 @@ def joined_tables(outcomes: Sequence[Outcome], name: str) -> tuple[list[str], li
     return tables[0][0], [line for table in tables for line in table[1:]]
 
 
+def table_rows(outcomes: Sequence[Outcome], name: str) -> list[dict[str, str]]:
+    """Return the lines of a table that several cases have lines of, as mappings from heads to cells."""
+    heads, lines = joined_tables(outcomes, name)
+    return [dict(zip(heads, line, strict=True)) for line in lines]
+
+
 def write_csv(path: Path, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
     """Write a table."""
     with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
