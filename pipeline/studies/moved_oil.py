@@ -41,9 +41,9 @@ from sim.parameters import parameter
 
 SCENE = "resting_eye"
 OILS = ("silicone_oil_1000", "silicone_oil_2000", "silicone_oil_5000", "silicone_oil_5700", "heavy_oil_densiron_68")
-SETTLE = 0.3            # s, in which the particles find their places before anything moves
+SETTLE = 0.2            # s, in which the particles find their places before anything moves
 AFTER = 0.05            # s, watched after a movement
-READINGS = 16           # of a saccade and of a jolt
+READINGS = 12           # of a saccade and of a jolt
 PERCENTILE = 99.0       # of the shift of the interface that is called its largest
 LONGEST_STEP = 20e-3    # s, while standing up; the limit of the tension, which grows with viscosity, is smaller
 WAYS = (0.5, 0.8)       # shares of the way whose times are told
@@ -60,8 +60,8 @@ class Parameters:
     fill: float = parameter(0.85, minimum=0.5, maximum=0.98, meaning="share of the cavity that is oil")
     amplitude: float = parameter(np.radians(20.0), unit="rad", exclusive_minimum=0.0, maximum=np.radians(60.0),
                                  meaning="turn of the eye in a saccade, to the left and back")
-    saccades: int = parameter(4, minimum=1, maximum=20, meaning="number of saccades")
-    interval: float = parameter(0.25, unit="s", minimum=0.2, meaning="from one saccade to the next")
+    saccades: int = parameter(2, minimum=1, maximum=20, meaning="number of saccades")
+    interval: float = parameter(0.2, unit="s", minimum=0.16, meaning="from one saccade to the next")
     acceleration: tuple[float, float, float] = parameter((0.0, 0.0, 49.05), unit="m/s**2", minimum=-200.0,
                                                          maximum=200.0, meaning="largest acceleration of the head")
     jolt_lasts: float = parameter(0.05, unit="s", exclusive_minimum=0.0, meaning="time that the jolt takes")

@@ -23,3 +23,8 @@ EXCHANGES = ("exchange", "tip", "flow [mL/s]", "capillary number", "spacing [mm]
 LEFT, PIECES, LARGEST, LOST_AT = ("left where the tip loses it", "pieces of what is left", "largest piece",
                                   "time at which the tip loses it")
 EXCHANGE_COURSES = ("exchange", "tip", "flow [mL/s]", "moved [mL]", "left [% of the cavity]", "distance [mm]")
+BASE, OIL, TENSION, MOVEMENT, FILL, POSTURE = "base", "oil", "tension", "saccade", "fill", "posture"
+SHED = ("factor", "setting", "contact line [mm]", "shed [ppm of the cavity per week]", "low", "high")
+GATHERED = ("median x [mm]", "median y [mm]", "median z [mm]")
+TRACERS = ("posture", "x [mm]", "y [mm]", "z [mm]")
+LINE_BY_PARTICLES = "length of the contact line by particles"
