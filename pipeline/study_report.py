@@ -77,11 +77,8 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    parts = []
-    if study.report == "filled_eye" and not failed:  # its words are about all cases
-        from pipeline.study_kit.filled_eye_page import write_filled_eye
-
-        parts = write_filled_eye(study.description, found, target)
+    # The words of a page that answers a question are about all cases.
+    parts = study.page.write_page(study.description, found, target) if study.page and not failed else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 

@@ -20,6 +20,7 @@ from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
+from pipeline.study_kit.question_page import page_module
 from sim.parameters import parameter
 
 STUDIES = Path("config/studies")
@@ -29,8 +30,11 @@ FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
-# Figures of the families, `pipeline.study_kit.tradeoff`, or `pipeline.study_kit.filled_eye_page`.
-REPORTS = ("curves", "tradeoff", "filled_eye")
+# A page that answers a question of a surgeon is written by `pipeline.study_kit.<report>_page`.
+QUESTIONS = tuple(sorted(path.stem.removesuffix("_page") for path in Path(__file__).parent.glob("*_page.py")
+                         if path.stem != "question_page"))
+# Figures of the families, `pipeline.study_kit.tradeoff`, or such a page.
+REPORTS = ("curves", "tradeoff", *QUESTIONS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +91,11 @@ class Study:
         """How many cases do more than read the results of scenes."""
         return sum(not case.folders() for case in self.cases.values())
 
+    @property
+    def page(self) -> types.ModuleType | None:
+        """The module that writes its page, where it answers a question of a surgeon."""
+        return page_module(self.report) if self.report in QUESTIONS else None
+
     def families(self) -> list[types.ModuleType]:
         """Families of the cases, each once."""
         return list(dict.fromkeys(case.family for case in self.cases.values()))
@@ -104,8 +113,8 @@ class Study:
         """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
-        if self.report == "filled_eye":
-            return ["fill_curves", "fundus_maps"]
+        if self.page:
+            return list(self.page.PICTURES)
         made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
@@ -115,7 +124,9 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"]}.get(self.report, [])
+        if self.report == "tradeoff":
+            return [*self.family_names(), "orders"]
+        return list(self.page.TABLES) if self.page else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
