@@ -3,12 +3,15 @@
     python -m pipeline.plan --break 6h,60deg --size 2h
     python -m pipeline.plan --break 10:30,95deg --size 1h,15deg --lens pseudophakic --postures upright,left_side
     python -m pipeline.plan --break 5h,80deg --mesh my_eye.stl --output plan.html
+    python -m pipeline.plan --sequence config/scenes/day_of_postures.yaml
     python -m pipeline.plan --write-map              make the tables of the default eye anew
 
 Clock hours are those that an observer sees who faces the patient (chart of Amsler and Dubois): 12 is superior, 3 is on
 the patient's left. The angle is that from the posterior pole: macula 0, equator 90, ora serrata 115 degrees. A break is
 covered when the oil at rest touches all of it and a margin around it. A plan for the default eye is read from tables;
 for other eyes the shapes are computed, some seconds for each oil and posture, and kept in outputs/plans.
+
+--sequence takes the postures of a scene over time, and tells what its oil covers at rest in each, without a simulation.
 
 This is an illustration of physics, not for decisions on a patient.
 """
@@ -19,8 +22,14 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
+from pipeline.planning.confirm import confirmation
 from pipeline.planning.plan import plan_fill, question_of
+from pipeline.planning.report import NO_ADVICE
 from pipeline.planning.search import CACHE, write_map
+from pipeline.planning.sequence import Sequence as PostureSequence
+from pipeline.planning.sequence import html_of as sequence_page
+from pipeline.planning.sequence import sequence_of
+from pipeline.planning.sequence import text_of as sequence_text
 from pipeline.planning.settings import postures
 from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES
 
@@ -35,19 +44,35 @@ def main(arguments: Sequence[str] | None = None) -> None:
         count = write_map(question_of("12h,0deg", "1h", chosen=_names(options.postures), **given))
         print(f"{count} tables of the default eye")
         return
+    if options.sequence is not None:
+        _write(options.output, sequence_of(options.sequence), sequence_text, sequence_page)
+        return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
     plan = plan_fill(options.place, options.size, postures=_names(options.postures), eye=_eye(options),
                      cache=options.cache, **given)
     if options.confirm is not None:
-        write_text(options.confirm, plan.scene())
+        _write_if_new(options.confirm, plan.scene())
     if options.output is None:
         sys.stdout.write(plan.text())
     else:
         write_text(options.output, plan.page() if options.output.suffix == ".html" else plan.text())
     if options.confirm is not None:
-        print(f"{options.confirm}: one simulation of this, to compare: snakemake -j2 "
-              f"outputs/{options.confirm.stem}/draft/metrics.html")
+        print("\n".join(confirmation(options.confirm, plan.question, plan.answers[0])))
+
+
+def _write_if_new(path: Path, text: str) -> None:
+    """Write a file, unless it is as it should be: what was made from it stays up to date."""
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
+
+
+def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
+    """Write a sequence as text or, into a file that ends in .html, as a page."""
+    if output is None:
+        sys.stdout.write(text(sequence, NO_ADVICE))
+    else:
+        write_text(output, (html if output.suffix == ".html" else text)(sequence, NO_ADVICE))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -56,8 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--break", dest="place", metavar="HOUR,ANGLE",
                         help="middle of the break: clock hour and angle from the posterior pole, such as 6h,60deg")
     parser.add_argument("--size", default="1h", metavar="WIDTH,HEIGHT",
-                        help="width in clock hours, height in degrees, or both, such as 2h,15deg (default: 1h; 10 deg "
-                             "high)")
+                        help="width in clock hours, height in degrees or mm, or both, such as 2h,15deg or 3mm "
+                             "(default: 1h; 10 deg high)")
     parser.add_argument("--margin", default="0.5 mm", help="reach of the oil beyond the break (default: 0.5 mm)")
     parser.add_argument("--oil", metavar="OIL,...", help="oils to choose from (default: all of config/plan.yaml)")
     parser.add_argument("--postures", metavar="POSTURE,...", help=f"postures to choose from (default: all: "
@@ -72,7 +97,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--largest-fill", help="share of the cavity that can be filled (default: config/plan.yaml)")
     parser.add_argument("--output", type=Path, help="file to write: a page if it ends in .html, else text")
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
-                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml")
+                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml, and tell "
+                             "how to simulate it, or, once that is done, whether the simulation agrees")
+    parser.add_argument("--sequence", type=Path, metavar="SCENE.yaml",
+                        help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")
     parser.add_argument("--write-map", action="store_true", help="make the tables of the default eye anew")
     return parser

@@ -26,7 +26,7 @@ def packages() -> list[Package]:
 
 
 def license_of(one: Distribution) -> str:
-    """Return the license of a package: expression, else classifiers, field or head of its license file."""
+    """Return the license of a package: expression, else classifiers, field, or the head of its license file."""
     expression, field = one.metadata["License-Expression"], one.metadata["License"] or ""
     classifiers = [line.rpartition(" :: ")[2] for line in one.metadata.get_all("Classifier") or ()
                    if line.startswith("License :: ") and not line.endswith("OSI Approved")]

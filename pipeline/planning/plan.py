@@ -8,8 +8,9 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
+from pipeline.equilibrium.rest import least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of, levels_of
-from pipeline.planning.breaks import read_break
+from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.report import NO_ADVICE, heads, html_of, rows, text_of, verdict
@@ -48,9 +49,11 @@ class Plan:
 
     def page(self) -> str:
         """Return all as a page, with maps of the fundus for the best answers."""
-        charts = Charts(cavity_of(self.eye), self.eye.side == "right", self.question.place)
-        maps = [charts.png(self.question.liquids(self.question.oils[answer.oils[0]]), postures()[answer.posture],
-                           min(answer.fill, self.question.largest_fill)) for answer in self.answers[:MAPS]]
+        cavity, question = cavity_of(self.eye), self.question
+        charts = Charts(cavity.wall, {"": question.place}, self.eye.side == "right")
+        maps = [charts.png(least_at_rest(cavity, question.liquids(question.oils[answer.oils[0]]),
+                                         postures()[answer.posture], min(answer.fill, question.largest_fill)))
+                for answer in self.answers[:MAPS]]
         return html_of(self.question, self.answers, self.eye, maps)
 
     def scene(self) -> str:
@@ -78,7 +81,7 @@ def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", o
     Parameters
     ----------
     place : clock hour and angle from the posterior pole, such as "6h,60deg".
-    size : width in clock hours, height in degrees, or both, such as "2h,15deg".
+    size : width in clock hours, height in degrees or mm, or both, such as "2h,15deg".
     margin : reach of the oil beyond the break; numbers are in SI units here and below.
     oils, postures : to choose from; by default all of ``config/plan.yaml``.
     eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm", "lens": "aphakic"}``; else the model eye.
@@ -90,18 +93,20 @@ def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", o
     UserError : with one sentence for every error.
     """
     shape = read_eye(eye or {})
-    question = question_of(place, size, margin=margin, oils=oils, chosen=postures, tension=tension,
+    globe = float(-levels_of(shape)[1][0, 2])
+    question = question_of(place, size, globe, margin=margin, oils=oils, chosen=postures, tension=tension,
                            contact_angle=contact_angle, largest_fill=largest_fill)
-    _, bounds = levels_of(shape)
-    return Plan(question, shape, tuple(answers(question, Tables(shape, cache), float(-bounds[0, 2]))))
+    return Plan(question, shape, tuple(answers(question, Tables(shape, cache), globe)))
 
 
-def question_of(place: str, size: str, *, margin: str | float = "0.5 mm", oils: Sequence[str] | None = None,
-                chosen: Sequence[str] | None = None, **changed: str | float | None) -> Question:
+def question_of(place: str, size: str, globe: float = GLOBE, *, margin: str | float = "0.5 mm",
+                oils: Sequence[str] | None = None, chosen: Sequence[str] | None = None,
+                **changed: str | float | None) -> Question:
     """Return what is asked, from words.
 
     Parameters
     ----------
+    globe : radius of the globe behind, m, for sizes in mm.
     chosen : postures.
     changed : values of ``Settings`` that take the place of those in ``config/plan.yaml``, unless they are None.
     """
@@ -109,7 +114,7 @@ def question_of(place: str, size: str, *, margin: str | float = "0.5 mm", oils: 
     given = read_record(Settings, {name: value for name, value in changed.items() if value is not None}, settings)
     reach = read_record(_Margin, {"margin": margin}).margin
     known = _chosen("--oil", oils, settings.oils)
-    return Question(read_break(place, size), reach, {name: materials[name] for name in known},
+    return Question(read_break(place, size, globe), reach, {name: materials[name] for name in known},
                     materials[settings.other_liquid], _chosen("--postures", chosen, tuple(postures())),
                     given.tension, given.contact_angle, given.other_angles, given.largest_fill)
 
