@@ -62,8 +62,9 @@ def tables() -> str:
     large = particles > 50_000
     rate = sizes["wall_us_per_particle_step"][large]
     text = (f"Memory per particle, of the dam: {a:.0f} B + {b / 1e3:.1f} kB / N^(1/3), within {100 * worst:.0f} % of "
-            f"the six sizes measured from 4,913 to a million particles. Time per particle and step: {rate.min():.2f} to "
-            f"{rate.max():.2f} us from {particles[large].min():,.0f} particles on, without a trend.\n\n")
+            f"the six sizes measured from 4,913 to a million particles. Time per particle and step: "
+            f"{rate.min():.2f} to {rate.max():.2f} us from {particles[large].min():,.0f} particles on, without a "
+            "trend.\n\n")
     text += row(("what", *(f"{count:,} particles" for count in COUNTS))) + row(["---"] * (1 + len(COUNTS)))
     scene = load_scene(ROOT / "config" / "scenes" / "tamponade.yaml", "standard")
     spacing = [(EYE / count) ** (1 / 3) for count in COUNTS]
