@@ -17,6 +17,7 @@ from pipeline.base.words import printable
 from pipeline.scenes.units import parse_quantity
 
 Key = tuple[str | int, ...]
+SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
 MOST_MESSAGES = 20  # that are shown of one file
 UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
 FAILED = object()  # stands for a value that could not be read; its error is collected
@@ -182,6 +183,8 @@ class Reader:
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
         if not _in_range(number, metadata):
             return self._fail(key, data, f"must be {allowed_range(metadata)}{_meaning(metadata)}")
+        if number and not SMALLEST <= abs(number) <= LARGEST:
+            return self._fail(key, data, f"must be 0, or from {SMALLEST:g} to {LARGEST:g} in size{_meaning(metadata)}")
         return kind(number)
 
     def _bool(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
