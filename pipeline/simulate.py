@@ -27,7 +27,8 @@ PACE_AFTER = 60.0  # s of steps after which it is known how long the rest takes
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 
 
-def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> dict:
+def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> tuple[
+        dict, list[dict[str, float]]]:
     """Advance the solver of `runner` over one segment and write its frames into `folder`.
 
     Parameters
@@ -37,7 +38,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     Returns
     -------
     The times of the solver's parts after the steps of the warm-up (`sim.profiling.times`), empty if there were no more
-    steps.
+    steps; and what every frame took since the one before, s: no frame holds it, so that equal runs have equal files.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
 
     frames = scene.frames_of_segment(segment)
     solver = runner.solver
-    first, warm, shown = solver.step_count, {}, 0.0
+    first, warm, shown, clocks = solver.step_count, {}, 0.0, []
     pace_from = None  # simulated time and clock
     usual, told = step_at_rest(solver), False
     good = solver.state()
@@ -58,7 +59,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     with progress(len(frames), label) as bar:
         for number, index in enumerate(frames):
             begin, before = solver.time, dict(solver.seconds)
-            clocks = time.perf_counter(), time.process_time()
+            wall, cpu = time.perf_counter(), time.process_time()
             until = index * scene.output.frame_interval
 
             def after_step(solver, dt, number=number, begin=begin, until=until):
@@ -91,12 +92,13 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
                 solver.prepare_output()
                 bar.update(1 - shown)
                 shown = 1.0
-            spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
-            spent |= {f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
-                      for effect in solver.effects if effect.name in solver.seconds}
+            clocks.append({"frame": index, "wall_seconds": time.perf_counter() - wall,
+                           "cpu_seconds": time.process_time() - cpu} | {
+                f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
+                for effect in solver.effects if effect.name in solver.seconds})
             warn_of_limits(scene, until, statistics)
-            write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
-    return warm if solver.step_count > first + WARM_UP else {}
+            write_frame(frame_path(folder, index), frame_of(scene, solver, statistics))
+    return warm if solver.step_count > first + WARM_UP else {}, clocks
 
 
 def refuse_endless(scene: Scene, spent: float, begin: float, now: float) -> None:
@@ -174,8 +176,11 @@ def print_timings(solver) -> None:
         print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
 
 
-def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
-    """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON)."""
+def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: list[dict[str, float]]) -> None:
+    """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON).
+
+    clocks : what every frame took (`simulate_segment`).
+    """
     from sim.profiling import allocated, costs
     from sim.runtime import device
 
@@ -183,7 +188,7 @@ def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
     numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
                "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None],
                "scheme": solver.scheme.name, "device": device(), "notes": solver.notes}
-    write_text(path, json.dumps(numbers | {"parts": parts}, indent=1) + "\n")
+    write_text(path, json.dumps(numbers | {"parts": parts, "frames": clocks}, indent=1) + "\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -237,11 +242,11 @@ def main() -> None:
     steps = runner.solver.step_count
     with replacing_folder(arguments.frames) as folder:
         with counted_launches() as launches:
-            warm = simulate_segment(scene, runner, arguments.segment, folder, arguments.restart)
+            warm, clocks = simulate_segment(scene, runner, arguments.segment, folder, arguments.restart)
         solver = runner.solver
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
-        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)
+        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm, clocks)
     print_timings(solver)
 
 

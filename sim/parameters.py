@@ -19,6 +19,7 @@ def parameter(
     longest: int | None = None,
     liquid: bool = False,
     reason: str = "",
+    file: str = "",
 ):
     """Declare one parameter of an effect or of the numerics.
 
@@ -31,12 +32,13 @@ def parameter(
     choices : the allowed words, for a parameter that is a word.
     longest : of a text for people: most characters. Spaces and line breaks in it become one space each.
     liquid : True where the value names one of the scene's liquids.
+    file : kind of file that may be named in place of its values (``pipeline.scenes.value_files``).
     reason : why it cannot be left out, where its meaning does not say so.
     """
     metadata = {
         "meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum,
         "exclusive_minimum": exclusive_minimum, "choices": tuple(choices) if choices else None, "longest": longest,
-        "liquid": liquid, "reason": reason,
+        "liquid": liquid, "reason": reason, "file": file,
     }
     if isinstance(default, (list, dict)):
         raise TypeError("a parameter's default must be immutable")

@@ -18,9 +18,10 @@ import numpy as np
 
 from pipeline.base.words import printable
 from pipeline.scenes import container_checks
-from pipeline.scenes.eye_shape import eye_shape
-from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, Scene, is_closed
+from pipeline.scenes.eye_shape import eye_shape, globe_of
+from pipeline.scenes.model import Block, Break, Container, Eye, Initial, Material, Output, Region, Scene, is_closed
 from pipeline.scenes.reader import Key, NotRead
+from pipeline.scenes.retina import ORA
 from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS
 from sim.settings import Numerics
@@ -215,6 +216,48 @@ def _points_are_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Fo
                 place = ", ".join(f"{1e3 * value:g}" for value in point)
                 yield (("effects", name, key), f"is ({place}) mm, outside the eye, but must lie inside its cavity "
                                                "(origin = center of the globe, z forward)")
+
+
+@_check
+def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...], eye: Eye | None, dimension: int
+                          ) -> Found:
+    for key, places in (("breaks", breaks), ("regions", regions)):
+        if places and (eye is None or dimension != 3):
+            yield (key,), "are parts of the wall of an eye in three dimensions, but the scene has none; remove them"
+        names = [one.name for one in places]
+        for index, name in enumerate(names):
+            if not re.fullmatch(r"[A-Za-z0-9_]+", name) or name == "band" or name.startswith("band_"):
+                yield ((key, index, "name"), f'is "{name}", but must be made of letters, digits and _, and not begin '
+                                             'with "band_", for it names columns')
+            if name in names[:index]:
+                yield (key, index, "name"), f'is "{name}", as another one is named already; give each its own name'
+
+
+@_check
+def _breaks_are_on_the_retina(breaks: tuple[Break, ...], eye: Eye | None) -> Found:
+    for index, one in enumerate(breaks):
+        if (one.width is None) == (one.diameter is None):
+            given = "has neither width nor diameter" if one.width is None else "has both width and diameter"
+            yield (("breaks", index), f"{given}, but must have one of them: a width in clock hours (with a height, if "
+                                      "it is known), or a diameter in mm")
+            continue
+        if one.diameter is not None and one.height is not None:
+            yield ("breaks", index), "has both diameter and height, but a diameter is both; remove one of them"
+        patch = one.patch(globe_of(eye or Eye()))
+        if patch.high > ORA + 1e-6:
+            yield (("breaks", index), f"reaches from {patch.low:.4g} to {patch.high:.4g} deg from the posterior pole, "
+                                      f"but the retina ends at {ORA:g} deg (ora serrata)")
+
+
+@_check
+def _regions_have_a_place(regions: tuple[Region, ...]) -> Found:
+    for index, one in enumerate(regions):
+        if one.hours is not None and one.part is not None:
+            yield ("regions", index), "gives both hours and part, but only one of them can tell where it is"
+        if one.latitudes[0] >= one.latitudes[1]:
+            low, high = map(math.degrees, one.latitudes)
+            yield (("regions", index, "latitudes"), f"is from {low:g} to {high:g} deg, but the first must be the "
+                                                    "smaller one (posterior pole 0, ora serrata 115 deg)")
 
 
 @_check

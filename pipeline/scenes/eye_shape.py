@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.scenes.model import LENSES
+from pipeline.scenes.model import LENSES, Eye
 
 if TYPE_CHECKING:
     import trimesh
@@ -88,6 +88,11 @@ def eye_shape(axial_length: float = REFERENCE_LENGTH, *, lens: str = "phakic",
                           0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER), half_length])
     front = lens_pole + LENS_THICKNESS if lens == "aphakic" else lens_equator
     return EyeShape(half_axes, front, lens_pole if lens == "phakic" else None, lens == "pseudophakic")
+
+
+def globe_of(eye: Eye) -> float:
+    """Return the radius of the globe behind, m; of a mesh, before it is read, that of the default eye."""
+    return float(eye_shape(eye.axial_length if eye.model == "parametric" else REFERENCE_LENGTH).half_axes[2])
 
 
 def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":

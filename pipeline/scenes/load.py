@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
+from pipeline.base.project import PROJECT
 from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
@@ -20,7 +21,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
 TAKEN_OF_LEVELS = ("logs", "all")  # a folder beside those of levels, and what means every level
-PROJECT_CONFIG = Path(__file__).parents[2] / "config"
+PROJECT_CONFIG = PROJECT / "config"
 
 
 def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:
@@ -96,7 +97,7 @@ class _Resolver:
             return self._resolved[path]
         errors = Errors(path)
         data = read_extended(path, errors)
-        parts = self._read_parts(path.stem, data, errors)
+        parts = self._read_parts(path, data, errors)
         for key, message in check(parts):
             errors.add(key, message)
         if isinstance(parts.get("eye"), Eye):
@@ -107,14 +108,14 @@ class _Resolver:
         self._resolved[path] = Scene(**parts)
         return self._resolved[path]
 
-    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
+    def _read_parts(self, path: Path, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
         """Return the fields of the scene without those that have errors."""
         liquids = data.get("liquids")
         # With an unknown liquid the references to the right name would look wrong too.
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
-        reader = Reader(errors, liquids if known else ())
+        reader = Reader(errors, liquids if known else (), path.parent)
         reader.refuse_unknown(data, SCENE_KEYS, ())
-        parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
+        parts: dict[str, Any] = {"name": path.stem, "accuracy": self.accuracy}
         if liquids is not None:
             parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
         level = self._read_level(data.get("levels", {}), reader)

@@ -15,6 +15,7 @@ from typing import Any
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
 from pipeline.scenes.units import parse_quantity
+from pipeline.scenes.value_files import READERS
 
 Key = tuple[str | int, ...]
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
@@ -84,10 +85,12 @@ class Reader:
     ----------
     errors : collects what is wrong.
     liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
+    folder : where files are that parameters name in place of their values; none can be named without it.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = ()):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (), folder: Path | None = None):
         self._errors = errors
+        self._folder = folder
         self._liquids = tuple(liquids) or None
 
     def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
@@ -134,6 +137,8 @@ class Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is types.UnionType:  # X | None
             return None if data is None else self._value(arguments[0], metadata, data, key)
+        if metadata.get("file") and isinstance(data, str) and self._folder is not None:
+            return self._from_file(kind, metadata, data, key)
         if dataclasses.is_dataclass(kind):
             return self.record(kind, data, key)
         if "kinds" in metadata:
@@ -144,6 +149,16 @@ class Reader:
             return self._dict(arguments[1], metadata, data, key)
         return {float: self._number, int: self._number, bool: self._bool, str: self._text}[kind](
             kind, metadata, data, key)
+
+    def _from_file(self, kind: Any, metadata: Mapping, name: str, key: Key) -> Any:
+        """Read the values of a parameter from a file that stands in their place."""
+        try:
+            values = READERS[metadata["file"]](self._folder / name)
+        except UserError as error:
+            for sentence in error.messages:
+                self._errors.add(key, f'is "{name}", but {sentence}')
+            return FAILED
+        return self._value(kind, metadata, values, key)
 
     def _chosen_records(self, kinds: Mapping[str, type], data: Any, key: Key) -> Any:
         """Read a mapping whose keys choose the dataclass."""

@@ -3,6 +3,7 @@ import dataclasses
 import functools
 import importlib
 import itertools
+import json
 import math
 import re
 import types
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.base.digest import call_digest
+from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
@@ -19,6 +20,7 @@ from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
+from pipeline.study_kit.question_page import page_module
 from sim.parameters import parameter
 
 STUDIES = Path("config/studies")
@@ -28,8 +30,11 @@ FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
-# Figures of the families, `pipeline.study_kit.tradeoff`, or `pipeline.study_kit.filled_eye_page`.
-REPORTS = ("curves", "tradeoff", "filled_eye")
+# A page that answers a question of a surgeon is written by `pipeline.study_kit.<report>_page`.
+QUESTIONS = tuple(sorted(path.stem.removesuffix("_page") for path in Path(__file__).parent.glob("*_page.py")
+                         if path.stem != "question_page"))
+# Figures of the families, `pipeline.study_kit.tradeoff`, or such a page.
+REPORTS = ("curves", "tradeoff", *QUESTIONS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,8 +60,7 @@ class Case:
         """The scene that the family solves by itself, if it does."""
         if not hasattr(self.family, "solves"):
             return []
-        name = self.family.solves(self.parameters)
-        return [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", self.accuracy)]
+        return [cached_scene(self.family.solves(self.parameters), self.accuracy)]
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -66,8 +70,9 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        scenes = [scene.to_json() for scene in self.solved()]
-        return call_digest(self.family.__name__, chosen, [dataclasses.asdict(self.parameters), *scenes])
+        scenes = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
+        values = json.dumps([dataclasses.asdict(self.parameters), *scenes], sort_keys=True)
+        return shortened(values, _code_digest(self.family.__name__, frozenset(chosen)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +85,16 @@ class Study:
     accuracy: str
     cases: dict[str, Case]
     report: str = "curves"
+
+    @functools.cached_property
+    def solving(self) -> int:
+        """How many cases do more than read the results of scenes."""
+        return sum(not case.folders() for case in self.cases.values())
+
+    @property
+    def page(self) -> types.ModuleType | None:
+        """The module that writes its page, where it answers a question of a surgeon."""
+        return page_module(self.report) if self.report in QUESTIONS else None
 
     def families(self) -> list[types.ModuleType]:
         """Families of the cases, each once."""
@@ -98,8 +113,8 @@ class Study:
         """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
-        if self.report == "filled_eye":
-            return ["fill_curves", "fundus_maps"]
+        if self.page:
+            return list(self.page.PICTURES)
         made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
@@ -109,7 +124,9 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"]}.get(self.report, [])
+        if self.report == "tradeoff":
+            return [*self.family_names(), "orders"]
+        return list(self.page.TABLES) if self.page else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
@@ -250,6 +267,24 @@ def _choices(parameters: type, block: dict[str, Any]) -> list[list]:
 
 def _is_list(kind: Any) -> bool:
     return typing.get_origin(kind) is tuple
+
+
+# A study of a thousand cases reads its scenes and its code once in a process, not a thousand times.
+
+@functools.cache
+def cached_scene(name: str, accuracy: str) -> Scene:
+    """Return a scene of ``config/scenes`` at a level."""
+    return load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", accuracy)
+
+
+@functools.cache
+def _scene_text(name: str, accuracy: str) -> str:
+    return cached_scene(name, accuracy).to_json()
+
+
+@functools.cache
+def _code_digest(module: str, chosen: frozenset[str]) -> str:
+    return shortened(code_used(module, chosen))
 
 
 @functools.cache

@@ -14,6 +14,7 @@ from pipeline import metrics, movie, page
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
+from pipeline.cavity.initial_state import save_initial
 from pipeline.pages.headlines import headlines
 from pipeline.pages.movie_copy import movie_within
 from pipeline.reconstruct import Wall, write_surfaces
@@ -39,7 +40,7 @@ def run_folder(tmp_path_factory, taichi):
         output=dataclasses.replace(scene.output, frames_per_segment=FRAMES))
     folder.mkdir(parents=True)
     (folder / "scene.json").write_text(scene.to_json())
-    np.savez(folder / "initial.npz", **ball())
+    save_initial(folder / "initial.npz", ball())
     eye = pyvista.Icosphere(radius=RADIUS, nsub=3)
     eye.save(folder / "eye.vtp")
     frames, images, surfaces = (folder / name / "segment_000" for name in ("frames", "images", "surfaces"))
@@ -66,7 +67,8 @@ def write_costs(folder):
     """Write what the simulation, the stages and the estimate say of a run."""
     for name in ("costs", "logs"):
         (folder / name).mkdir()
-    (folder / "costs" / "segment_000.json").write_text(json.dumps({"steps": 200, "particles": 3216, "device": "cpu"}))
+    (folder / "costs" / "segment_000.json").write_text(
+        json.dumps({"steps": 200, "particles": 3216, "device": "cpu", "frames": []}))
     (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
     error = {"quantity": "laplace: pressure jump", "value": 0.004, "unit": "1", "source": "a table"}
     (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [error]}]}))
