@@ -81,8 +81,8 @@ def too_fine(cell_ratio: float, method: str, box: float) -> str:
     if need <= have:
         return ""
     fits = math.ceil(100.0 * cell_ratio * math.cbrt(need / have)) / 100.0
-    return (f"is {cell_ratio:g}, which makes {cells:.2g} cells that need {_in_words(need)}, but must be at least {fits:g} "
-            f"for the {_in_words(have)} of this computer")
+    return (f"is {cell_ratio:g}, which makes {cells:.2g} cells that need {_in_words(need)}, but must be at least "
+            f"{fits:g} for the {_in_words(have)} of this computer")
 
 
 def _in_words(size: float) -> str:

@@ -114,8 +114,9 @@ def test_numbers_without_end_are_refused(key, value, write):
     assert f"output.{key} " in errors_of(write(f"extends: tiny\noutput: {{{key}: {value}}}"))[0]
 
 
-@pytest.mark.parametrize("corners", ["lower: [], upper: []", "lower: [0, 0], upper: [1e308, 1e308]", "lower: [-1e308, 0], upper: [1e308, 0]",
-                                     "lower: [1e308, 1e308], upper: [-1e308, -1e308]"])
+@pytest.mark.parametrize("corners", [
+    "lower: [], upper: []", "lower: [0, 0], upper: [1e29, 1e29]", "lower: [-1e29, 0], upper: [1e29, 0]",
+    "lower: [0, 0], upper: [1e308, 1e308]", "lower: [1e29, 1e29], upper: [-1e29, -1e29]"])
 def test_endless_blocks_are_sentences(corners, write):
     assert "blocks[0]." in errors_of(write(f"{BOX}blocks: [{{liquid: aqueous, {corners}}}]\n"))[0]
 
@@ -215,6 +216,15 @@ def test_no_mesh_outside_of_the_project(place, write, tmp_path):
     name = place.format(absolute=tmp_path / "eye.stl")
     message, = errors_of(write(f"extends: tiny\neye: {{model: mesh, path: {name}}}\n"))
     assert f"outside of the project ({tmp_path / 'project'})" in message and "ln -s" in message
+
+
+def test_no_table_outside_of_the_project(write, tmp_path):
+    (tmp_path / "head.csv").write_text("time [s],pitch [deg],roll [deg]\n0,0,0\n1,0,0\n")
+    text = "extends: tiny\neffects: {gravity: {turns: null, posture: null, orientation: PLACE}}\n"
+    assert "outside of the project" in errors_of(write(text.replace("PLACE", "../../../head.csv")))[0]
+    path = write(text.replace("PLACE", "head.csv"))
+    os.symlink(tmp_path / "head.csv", path.with_name("head.csv"))
+    assert len(load_scene(path, "draft").effects["gravity"].orientation) == 2
 
 
 @pytest.mark.parametrize("place", ["eye.stl", "../meshes/eye.stl", "../../eye.stl", "linked/eye.stl"])
