@@ -230,8 +230,8 @@ def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...]
         names = [one.name for one in places]
         for index, name in enumerate(names):
             if not re.fullmatch(r"[A-Za-z0-9_]{1,60}", name) or name == "band" or name.startswith("band_"):
-                yield ((key, index, "name"), f'is "{printable(name)}", but must be made of letters, digits and _, 60 at '
-                                             'most, and not begin with "band_", for it names columns')
+                yield ((key, index, "name"), f'is "{printable(name)}", but must be made of letters, digits and _, 60 '
+                                             'at most, and not begin with "band_", for it names columns')
             if name in names[:index]:
                 yield ((key, index, "name"), f'is "{printable(name)}", as another one is named already; give each its '
                                              'own name')

@@ -80,8 +80,8 @@ def _columns(header: list[str]) -> dict[str, float]:
             raise UserError(f'it has the column "{printable(cell.strip())}" {said}; allowed are {COLUMNS}')
         if unit not in UNITS[name]:
             units = " or ".join(f"{name} [{one}]" for one in UNITS[name])
-            raise UserError(f'its column "{printable(cell.strip())}" has {"no" if unit is None else "an unknown"} unit, '
-                            f"but must be {units}")
+            raise UserError(f'its column "{printable(cell.strip())}" has {"no" if unit is None else "an unknown"} '
+                            f"unit, but must be {units}")
         columns[name] = UNITS[name][unit]
     given = set(columns) - {"yaw"}
     if given not in ({"time", "pitch", "roll"}, {"time", *GRAVITY}) or ("yaw" in columns and GRAVITY[0] in columns):

@@ -67,8 +67,8 @@ UNITS = ("", "m", "mm", "um", "nm", "km", "s", "ms", "h", "days", "Pa s", "mPa s
          "degC", "K", "banana", "m m m", "°", "µm", "%%", "m/", "/m", "m//m", "1/1", "m.m", "m)(", "**", "m**2**2", "e",
          "inf", "nan")
 WORDS = ("yes", "no", "on", "off", "null", "~", "true", "False", "", " ", "tiny", "tamponade", "still_eye", "aqueous",
-         "silicone_oil_1000", "draft", "../../../etc/passwd", "/etc/passwd", "/dev/zero", "eye.stl", "head.csv", "..", ".", "a/b",
-         "2024-01-01", "12:30:45", "=", "<<", "!!python/object/apply:os.system", "*a", "&a", SCRIPT,
+         "silicone_oil_1000", "draft", "../../../etc/passwd", "/etc/passwd", "/dev/zero", "eye.stl", "head.csv",
+         "..", ".", "a/b", "2024-01-01", "12:30:45", "=", "<<", "!!python/object/apply:os.system", "*a", "&a", SCRIPT,
          f"</title>{SCRIPT}", "$x_{", "a $ b " * 30, "$\\frac{", "{{ 7 * 7 }}", "{0.__class__}",
          "__import__('os').system('touch hacked')", "$(touch hacked)", "`touch hacked`", "%s%n", "'; touch hacked; '",
          '"', "'", "\\", "@scene@", "@folder@", "two\nlines", "tab\there", "a\rb", "\u2028", "\ud800", "\udfff", "\x00",
