@@ -46,7 +46,7 @@ def parse_quantity(value: object, unit: str = "") -> float:
     if isinstance(value, str):
         match = len(value) <= _LONGEST and _NUMBER.fullmatch(value)
         if not match:
-            raise ValueError(f'"{printable(value)}", but must be {_wanted(unit)}')
+            raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
         number, text = float(match[1]), match[2]
     else:
         number, text = float(str(value)), ""  # by way of text, a whole number beyond the range of floats is infinite
@@ -68,10 +68,10 @@ def is_kinematic_viscosity(value: object) -> bool:
 def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
-        raise ValueError(f'"{printable(value)}" with the unknown unit "{printable(text)}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}" with the unknown unit "{printable(text)}", but must be {_wanted(unit)}')
     target = _parse_unit(unit)
     if source.dimensionality != target.dimensionality or _is_angle(source) != _is_angle(target):
-        raise ValueError(f'"{printable(value)}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
     converted = _registry().Quantity(number, source).to(target).magnitude
     return float(f"{converted:.15g}")  # "1.5 mL" is 1.5e-6 m3, not 1.5000000000000002e-6
 
