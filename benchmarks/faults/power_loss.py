@@ -98,8 +98,9 @@ def main() -> int:
             found, spoiled = loss(Path(work), chance.uniform(0.3, 3.0))
             names, bad = names + found, bad + spoiled
     how = "without" if options.without else "with"
-    print(f"{options.count} losses of power, {how} waiting for the disk: {names} files had their names, {len(bad)} of them "
-          f"were not whole; a file takes {1e3 * seconds['with']:.1f} ms, {1e3 * seconds['without']:.1f} ms without waiting")
+    took = ", ".join(f"{1e3 * value:.1f} ms {name} waiting" for name, value in seconds.items())
+    print(f"{options.count} losses of power, {how} waiting for the disk: {names} files had their names, {len(bad)} of "
+          f"them were not whole; a file takes {took}")
     return int(bool(bad) and not options.without)
 
 

@@ -151,9 +151,12 @@ def refuse_cut_short(path: Path) -> None:
         if b"endsolid" not in tail:
             raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
                             "it again")
+    elif size < 84:
+        raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "
+                        "again")
     elif size < 84 + 50 * announced:
         raise UserError(f"{path} (eye.path): is cut short (it announces {announced} triangles and holds "
-                        f"{max(size - 84, 0) // 50}), export or copy it again")
+                        f"{(size - 84) // 50}), export or copy it again")
 
 
 def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:

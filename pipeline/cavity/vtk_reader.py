@@ -4,6 +4,7 @@
 """
 import resource
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,12 @@ def main(source: Path, target: Path) -> None:
     """Write the vertices (n, 3) and triangles (m, 3) of the surface of ``source`` to ``target``."""
     most = USUAL + PER_BYTE * source.stat().st_size
     resource.setrlimit(resource.RLIMIT_AS, (most, most))  # damaged counts ask for more than there is
-    with pyvista.vtk_verbosity("off"):
-        data = pyvista.read(source)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*raised an error while reading")
+        try:
+            data = pyvista.read(source)
+        except UserWarning:
+            sys.exit("it is damaged or of another format")
     surface = outer_surface(data)
     np.savez(target, vertices=np.asarray(surface.points, float), faces=np.asarray(surface.regular_faces, int))
 
