@@ -160,18 +160,18 @@ def folder(bench: Bench) -> None:
 
 
 def home(bench: Bench) -> None:
-    """A home that is not there or cannot be written."""
+    """A home that is not there or cannot be written, with the cache that `./run` then chooses."""
     copy = bench.copy("home")
-    for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4", copy.outputs / "initial.npz"):
+    for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4"):
         path.unlink()
+    with_run = f"source <(sed -n '/^find_cache()/,/^}}/p' {ROOT / 'run'}); find_cache; exec \"$@\""
     (bench.work / "locked").mkdir(exist_ok=True)
     os.chmod(bench.work, 0o755)
     for name in ("/nonexistent", str(bench.work / "locked")):
-        shutil.copytree(ROOT / "config", copy.folder / "config", dirs_exist_ok=True)
         os.chmod(bench.work / "locked", 0o555)
         user = as_user(copy, 54321)
-        done = subprocess.run([*user, sys.executable, "-m", "snakemake", "-j2", "all", "--config", f"scenes=[{SCENE}]"],
-                              cwd=copy.folder, capture_output=True, text=True,
+        done = subprocess.run([*user, "bash", "-c", with_run, "run", sys.executable, "-m", "snakemake", "-j2", "all",
+                               "--config", f"scenes=[{SCENE}]"], cwd=copy.folder, capture_output=True, text=True,
                               env={"PATH": os.environ["PATH"], "HOME": name, "PYTHONPATH": str(copy.folder)})
         printed = done.stdout + done.stderr
         good = TRACE not in printed and (done.returncode == 0 and bench.same(copy))
@@ -192,7 +192,7 @@ def users(bench: Bench) -> None:
     as_user(copy, 54321)
     (copy.outputs / "metrics.csv").unlink()
     command = ["-m", "snakemake", "-j2", "all", "--config", f"scenes=[{SCENE}]"]
-    environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "PYTHONPATH": str(copy.folder)}
+    environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "USER": "other", "PYTHONPATH": str(copy.folder)}
     done = subprocess.run(["setpriv", "--reuid=54322", "--clear-groups", "--inh-caps=-all", sys.executable, *command],
                           cwd=copy.folder, capture_output=True, text=True, env=environment)
     printed = done.stdout + done.stderr
