@@ -12,6 +12,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoint, write_frame
 from pipeline.base.progress import progress
+from pipeline.base.words import duration
 from pipeline.cavity.initial_state import load_initial
 from pipeline.scenes.devices import HELP, chosen_device
 from pipeline.scenes.effects import SOLVES
@@ -22,6 +23,7 @@ from pipeline.scenes.threads import chosen_threads
 from pipeline.simulation.runner import Runner, restore
 from pipeline.simulation.solver_setup import build_solver, frame_of
 
+PACE_AFTER = 60.0  # s of steps after which it is known how long the rest takes
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 
 
@@ -50,6 +52,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     frames = scene.frames_of_segment(segment)
     solver = runner.solver
     first, warm, shown, clocks = solver.step_count, {}, 0.0, []
+    pace_from = None  # simulated time and clock
     usual, told = step_at_rest(solver), False
     good = solver.state()
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
@@ -60,9 +63,13 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
             until = index * scene.output.frame_interval
 
             def after_step(solver, dt, number=number, begin=begin, until=until):
-                nonlocal warm, told, shown
+                nonlocal warm, told, shown, pace_from
                 if solver.step_count == first + WARM_UP:
                     warm = times(solver)
+                    pace_from = solver.time, time.perf_counter()
+                elif pace_from and (spent := time.perf_counter() - pace_from[1]) > PACE_AFTER:
+                    refuse_endless(scene, spent, pace_from[0], solver.time)
+                    pace_from = None
                 if dt < SMALL_STEP * usual and not told:
                     told = warn_of_small_steps(scene, solver, dt, usual)
                 bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
@@ -92,6 +99,16 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
             warn_of_limits(scene, until, statistics)
             write_frame(frame_path(folder, index), frame_of(scene, solver, statistics))
     return warm if solver.step_count > first + WARM_UP else {}, clocks
+
+
+def refuse_endless(scene: Scene, spent: float, begin: float, now: float) -> None:
+    """Raise where the rest of a scene takes longer than it allows, at the pace of what was done in `spent` s."""
+    rest = spent / (now - begin) * (scene.output.duration - now)
+    if rest > scene.allowed_time:
+        raise UserError(f"{scene.name}: after {duration(spent)} the clock of the scene has gone from {begin:.4g} to "
+                        f"{now:.4g} s, and at this pace the rest takes {duration(rest)}, but allowed_time is "
+                        f"{duration(scene.allowed_time)}: allow more in the scene, or take a coarser accuracy level, "
+                        "longer steps or a shorter output.duration")
 
 
 def diagnosis(solver, good: dict, until: float, error: Exception) -> str:

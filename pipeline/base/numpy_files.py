@@ -2,6 +2,7 @@
 import os
 import zipfile
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from pipeline.base.checksum import LENGTH, DamagedFile, append_checksum, check
 def write_arrays(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None:
     """Write arrays to ``path``, uncompressed; equal arrays make equal files."""
     with open(path, "wb") as file:
-        np.savez(file, **arrays)
+        np.savez(file, **dict[str, Any](arrays))
     # The checksum takes the place of a comment of its length, which only has to be announced.
     with zipfile.ZipFile(path, "a") as archive:
         archive.comment = bytes(LENGTH)

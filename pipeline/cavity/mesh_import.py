@@ -18,6 +18,7 @@ from pipeline.base.errors import UserError
 from pipeline.cavity import vtk_reader
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
 from pipeline.cavity.vtk_reader import outer_surface
+from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
 
 TRIMESH_FORMATS = (".obj", ".ply")
@@ -26,7 +27,6 @@ MESHIO_FORMATS = (".msh",)
 FORMATS = TRIMESH_FORMATS + VTK_FORMATS + MESHIO_FORMATS
 SMALLEST_SIZE, LARGEST_SIZE = 15e-3, 40e-3          # largest outer dimension of a cavity, m
 SMALLEST_DEPTH = 10e-3                              # smallest one: lens to retina is 13 mm in a short eye
-SMALLEST_VOLUME, LARGEST_VOLUME = 2e-6, 12e-6       # cavity volume, m3; eyes of 20 to 32 mm hold 3.3 to 10 mL
 WELD_DIGITS = 7                 # vertices that agree to 0.1 um are one
 DEBRIS_AREA = 0.05              # pieces that together have less of the area are dropped, larger ones refused
 LARGEST_HOLE = 2.5e-3           # width of a hole that is closed, m: a flat lid there is less than 0.1 mm off

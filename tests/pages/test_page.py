@@ -23,6 +23,7 @@ from pipeline.surfaces.liquid_surface import Reconstructor
 
 FRAMES = 5
 TITLE = 'Oil <b>& "water"</b></script>'
+HOSTILE = "<script>alert(1)</script> $x_{ {{ 7 * 7 }} 😀"
 WIDTHS = (1400, 390)
 
 
@@ -34,7 +35,8 @@ def run_folder(tmp_path_factory, taichi):
     folder = tmp_path_factory.mktemp("outputs") / "tiny" / "draft"
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     scene = dataclasses.replace(
-        scene, title=TITLE, numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
+        scene, title=TITLE, label=HOSTILE, description=HOSTILE,
+        numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
         output=dataclasses.replace(scene.output, frames_per_segment=FRAMES))
     folder.mkdir(parents=True)
     (folder / "scene.json").write_text(scene.to_json())
@@ -106,6 +108,7 @@ def test_page_says_first_what_people_ask_for(index):
 
 def test_titles_are_text(index):
     text = index.read_text()
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt; $x_{ {{ 7 * 7 }} 😀") == 2 and "<script>alert" not in text
     assert "<h1>Oil &lt;b&gt;&amp; &#34;water&#34;&lt;/b&gt;&lt;/script&gt;</h1>" in text and "Oil <b>" not in text
 
 
