@@ -115,11 +115,6 @@ def time_step(state):
     return state.statistic("time_step")
 
 
-@metric("s", "time that the solver took since the frame before, by the clock and of all cores together")
-def computing_time(state):
-    return {"wall": state.statistic("wall_seconds"), "cpu": state.statistic("cpu_seconds")}
-
-
 @metric("%", "share of the whole wall that the oil touches", of_eye=True, place=4, uncertainty="wall_coverage_band",
         limits=(0.0, 100.0))
 def wall_coverage(state):

@@ -16,40 +16,32 @@ for other eyes the shapes are computed, some seconds for each oil and posture, a
 This is an illustration of physics, not for decisions on a patient.
 """
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
-from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.equilibrium.rest import least_at_rest
-from pipeline.equilibrium.star_cavity import cavity_of, levels_of
-from pipeline.planning.breaks import GLOBE, read_break
-from pipeline.planning.chart import Charts
-from pipeline.planning.confirm import confirmation, confirming_scene
-from pipeline.planning.report import NO_ADVICE, html_of, text_of
-from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
+from pipeline.planning.confirm import confirmation
+from pipeline.planning.plan import plan_fill, question_of
+from pipeline.planning.report import NO_ADVICE
+from pipeline.planning.search import CACHE, write_map
 from pipeline.planning.sequence import Sequence as PostureSequence
 from pipeline.planning.sequence import html_of as sequence_page
 from pipeline.planning.sequence import sequence_of
 from pipeline.planning.sequence import text_of as sequence_text
-from pipeline.planning.settings import Settings, load_settings, postures
-from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES, Eye, Material
-from pipeline.scenes.reader import Errors, Reader, nearest
-from sim.parameters import parameter
-
-MAPS = 4            # answers that the page draws
+from pipeline.planning.settings import postures
+from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    settings, materials = load_settings()
+    given = {"margin": options.margin, "oils": _names(options.oil), "tension": options.tension,
+             "contact_angle": options.contact_angle, "largest_fill": options.largest_fill}
     if options.write_map:
-        count = write_map(_question(options, settings, materials, "12h,0deg"))
+        count = write_map(question_of("12h,0deg", "1h", chosen=_names(options.postures), **given))
         print(f"{count} tables of the default eye")
         return
     if options.sequence is not None:
@@ -57,35 +49,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
-    eye = _eye(options)
-    globe = float(-levels_of(eye)[1][0, 2])
-    question = _question(options, settings, materials, options.place, globe)
-    found = answers(question, Tables(eye, options.cache), globe)
+    plan = plan_fill(options.place, options.size, postures=_names(options.postures), eye=_eye(options),
+                     cache=options.cache, **given)
     if options.confirm is not None:
-        _write_if_new(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
-    text = text_of(question, found, eye)
+        _write_if_new(options.confirm, plan.scene())
     if options.output is None:
-        sys.stdout.write(text)
+        sys.stdout.write(plan.text())
     else:
-        write_text(options.output, _page(question, found, eye) if options.output.suffix == ".html" else text)
+        write_text(options.output, plan.page() if options.output.suffix == ".html" else plan.text())
     if options.confirm is not None:
-        print("\n".join(confirmation(options.confirm, question, found[0])))
+        print("\n".join(confirmation(options.confirm, plan.question, plan.answers[0])))
 
 
 def _write_if_new(path: Path, text: str) -> None:
     """Write a file, unless it is as it should be: what was made from it stays up to date."""
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         write_text(path, text)
-
-
-def _page(question: Question, found: Sequence[Answer], eye: Eye) -> str:
-    """Return the page, with maps of the best answers."""
-    cavity = cavity_of(eye)
-    charts = Charts(cavity.wall, {"": question.place}, eye.side == "right")
-    maps = [charts.png(least_at_rest(cavity, question.liquids(question.oils[answer.oils[0]]),
-                                     postures()[answer.posture], min(answer.fill, question.largest_fill)))
-            for answer in found[:MAPS]]
-    return html_of(question, found, eye, maps)
 
 
 def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
@@ -127,47 +106,15 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _question(options: argparse.Namespace, settings: Settings, materials: dict[str, Material], place: str,
-              globe: float = GLOBE) -> Question:
-    values = {"tension": options.tension, "contact_angle": options.contact_angle, "largest_fill": options.largest_fill}
-    given = _record(Settings, {name: value for name, value in values.items() if value is not None}, settings)
-    margin = _record(Margin, {"margin": options.margin}).margin
-    oils = _chosen("--oil", options.oil, settings.oils)
-    return Question(read_break(place, options.size, globe), margin, {name: materials[name] for name in oils},
-                    materials[settings.other_liquid], _chosen("--postures", options.postures, tuple(postures())),
-                    given.tension, given.contact_angle, given.other_angles, given.largest_fill)
+def _names(words: str | None) -> list[str] | None:
+    """Names between commas."""
+    return None if words is None else [word.strip() for word in words.split(",")]
 
 
-def _chosen(option: str, words: str | None, allowed: Sequence[str]) -> tuple[str, ...]:
-    """Names between commas; all that are allowed where none is given."""
-    if words is None:
-        return tuple(allowed)
-    names = tuple(dict.fromkeys(word.strip() for word in words.split(",")))
-    for name in names:
-        if name not in allowed:
-            raise UserError(f'{option}: "{name}" is not known{nearest(name, allowed)}; known are {", ".join(allowed)}')
-    return names
-
-
-@dataclasses.dataclass(frozen=True)
-class Margin:
-    """How far the oil must reach beyond a break."""
-
-    margin: float = parameter(unit="m", minimum=0.0, maximum=0.01, meaning="reach of the oil beyond the break")
-
-
-def _eye(options: argparse.Namespace) -> Eye:
+def _eye(options: argparse.Namespace) -> dict[str, str]:
     if options.mesh is None:
-        return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens, "side": options.side})
-    return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side})
-
-
-def _record(kind: type, values: dict[str, object], base: object = None):
-    """Read options as a scene's values are read."""
-    errors = Errors("options")
-    record = Reader(errors).record(kind, values, (), base)
-    errors.raise_any()
-    return record
+        return {"axial_length": options.axial_length, "lens": options.lens, "side": options.side}
+    return {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side}
 
 
 if __name__ == "__main__":

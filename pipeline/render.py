@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
 from pipeline.pictures.fundus_map import BREAK_COLOR, Coverage, FundusMap
@@ -227,9 +228,9 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
     """Draw every frame of a folder; the folder of pictures appears by rename."""
     renderer: Any = ContainerRenderer(scene, eye_surface) if scene.container else \
         Renderer(scene, cavity_volume, eye_surface)
-    paths = find_frames(frames)
+    paths, label = find_frames(frames), f"{scene.name}: render {frames.name}"
     try:
-        with replacing_folder(output) as folder, progress(len(paths), "render") as bar:
+        with replacing_folder(output) as folder, progress(len(paths), label) as bar:
             for path in paths:
                 frame = read_frame(path)
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
@@ -270,9 +271,8 @@ def main(arguments: list[str] | None = None) -> None:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
         use_working_opengl()
-        import pyvista
 
-        eye = pyvista.read(options.eye)
+        eye = read_vtk(options.eye)
     cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])
     render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)
 

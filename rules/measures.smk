@@ -30,6 +30,8 @@ rule metrics:
         ),
     log:
         "outputs/{scene}/{level}/logs/metrics.log",
+    resources:
+        mem_mb=flow.memory("metrics"),
     params:
         depends=flow.depends("metrics"),
     message:

@@ -25,6 +25,8 @@ rule page:
         ),
     log:
         "outputs/{scene}/{level}/logs/page.log",
+    resources:
+        mem_mb=flow.memory("page"),
     params:
         depends=flow.depends("page"),
         texts=flow.page_texts,

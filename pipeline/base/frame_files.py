@@ -8,7 +8,6 @@ bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()`` (``pipelin
 import contextlib
 import dataclasses
 import os
-import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from pipeline.base.checksum import check
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.numpy_files import read_arrays, write_arrays
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 POINT_UNITS = {
@@ -26,9 +27,8 @@ POINT_UNITS = {
 }
 FIELD_UNITS = {
     "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
-    "wall_contacts": "1", "wall_seconds": "s", "cpu_seconds": "s",
-    "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s", "residual_maximum": "1",
-    "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
+    "wall_contacts": "1", "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s",
+    "residual_maximum": "1", "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
     "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
 }
 TEXTS = ("scene", "liquids", "units")
@@ -189,7 +189,8 @@ def read_frame(path: str | os.PathLike) -> FrameData:
 
     Raises
     ------
-    UserError : the file is missing, damaged, or no frame of this pipeline.
+    UserError : the file is missing, or no frame of this pipeline.
+    DamagedFile : its checksum does not fit.
     """
     import vtk
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -199,6 +200,7 @@ def read_frame(path: str | os.PathLike) -> FrameData:
         raise UserError(f"{path}: no such frame; run the simulate stage first")
     if path.suffix not in FRAME_SUFFIXES:
         raise UserError(f"{path}: a frame is a {' or '.join(FRAME_SUFFIXES)} file")
+    check(path)
     reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkXMLPolyDataReader()
     reader.SetFileName(str(path))
     with _silent_vtk():
@@ -208,7 +210,7 @@ def read_frame(path: str | os.PathLike) -> FrameData:
     fields = _named_arrays(mesh.GetFieldData())
     missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
     if reader.GetErrorCode() or missing:
-        raise UserError(f"{path}: is damaged or no frame of this pipeline"
+        raise UserError(f"{path}: is no frame of this pipeline"
                         + (f" (without {', '.join(sorted(missing))})" if missing else "") + "; run its segment again")
     dimension = int(fields.pop("dimension")[0])
     fields.pop("fill")
@@ -256,8 +258,8 @@ def save_checkpoint(path: str | os.PathLike, state: Mapping[str, object]) -> Non
         arrays[name] = np.asarray(value)
         if arrays[name].dtype == object:
             raise TypeError(f"checkpoint entry {name!r} is a {type(value).__name__}; only arrays, numbers and strings")
-    with replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, **arrays)
+    with replacing(path) as partial:
+        write_arrays(partial, arrays)
 
 
 def load_checkpoint(path: str | os.PathLike) -> dict[str, object]:
@@ -265,13 +267,10 @@ def load_checkpoint(path: str | os.PathLike) -> dict[str, object]:
 
     Raises
     ------
-    UserError : the file is missing, truncated or damaged.
+    UserError : the file is missing.
+    DamagedFile : its checksum does not fit.
     """
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such checkpoint; run the segment before this one first")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name][()] for name in archive.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
-        raise UserError(f"{path}: the checkpoint is damaged ({error}); delete it and run its segment again") from error
+    return {name: array[()] for name, array in read_arrays(path).items()}

@@ -5,6 +5,7 @@ the other distances and the pressure together; what the step would push through 
 Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
+import functools
 import logging
 
 import numpy as np
@@ -25,6 +26,7 @@ LARGEST_CHANGE = 0.1    # of the volume in a step, over the volume: a start may 
 JOINING = 6             # times that distances join those that stay at the wall, in one step
 DRAWN_IN = 0.999        # of the wall: a start in a full cavity
 CLOSEST = 0.01          # of the wall: oil that comes nearer to the viewpoint is not seen from it, and no shape
+SHELLS = 40             # of the other liquid, along a ray
 FIRST_PRESSURE = 2.0    # of the oil over the other liquid: of a ball with the tension
 
 
@@ -79,6 +81,39 @@ class Rest:
     def contact_pressure(self, point: np.ndarray) -> np.ndarray:
         """Pressure of the oil over that of the other liquid at points (..., 3) in m, Pa. (R9)"""
         return self.pressure - (point - self.cavity.viewpoint) @ self.pull
+
+    @functools.cached_property
+    def other(self) -> "Cloud":
+        """The other liquid, between the oil and the wall."""
+        cavity = self.cavity
+        angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
+        gap = (cavity.radius - self.distance)[:, None]
+        distance = self.distance[:, None] + gap * (np.arange(SHELLS) + 0.5) / SHELLS
+        position = cavity.viewpoint + distance[..., None] * cavity.direction[:, None]
+        return Cloud(position.reshape(-1, 3), (angle[:, None] * distance**2 * gap).ravel())
+
+
+@dataclasses.dataclass(frozen=True)
+class Cloud:
+    """Points that make up a body of liquid.
+
+    Attributes
+    ----------
+    position : (k, 3), m.
+    volume : (k,), m3, that each of them stands for.
+    """
+
+    position: np.ndarray
+    volume: np.ndarray
+
+    @property
+    def center(self) -> np.ndarray:
+        """Center of mass, (3,), m."""
+        return self.volume @ self.position / self.volume.sum()
+
+    def share(self, mask: np.ndarray) -> float:
+        """Return the share of the volume in a mask (k,)."""
+        return float(self.volume[mask].sum() / self.volume.sum())
 
 
 def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,

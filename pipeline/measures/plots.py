@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.base.files import replacing_folder
 from pipeline.base.palette import curve_style
 from pipeline.base.tables import TIME
+from pipeline.base.words import no_formula
 from pipeline.measures.events import Event
 from pipeline.measures.shown import Shown
 from pipeline.pictures.paint import BARE, COVERED
@@ -36,7 +37,7 @@ def write_plots(folder: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
         for one in drawn_metrics(shown):
             canvas, axes = panels(1, 1, (8.0, 4.5))
             draw(axes[0, 0], one, table[TIME], events)
-            axes[0, 0].set_title(f"{title}: {one.name}", loc="left", fontsize=12)
+            axes[0, 0].set_title(no_formula(f"{title}: {one.name}"), loc="left", fontsize=12, wrap=True)
             axes[0, 0].set(xlabel="simulated time [s]", ylabel="" if one.metric.yes_or_no else one.label)
             if len(one.curves) > 1 and not one.metric.yes_or_no:
                 canvas.legend(loc="outside right upper", frameon=False)
@@ -55,7 +56,7 @@ def overview(shown: Sequence[Shown], table: Mapping[str, np.ndarray], events: Se
                          bbox_to_anchor=(-0.02, -0.06), handlelength=1.8, columnspacing=1.2)
     for place in axes.flat[len(chosen):]:
         place.axis("off")
-    canvas.suptitle(title, x=0.01, ha="left", fontsize=14)
+    canvas.suptitle(no_formula(title), x=0.01, ha="left", fontsize=14, wrap=True)
     canvas.supxlabel("simulated time [s]", fontsize=10)
     return as_png(canvas, DPI)
 

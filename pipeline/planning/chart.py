@@ -1,9 +1,10 @@
-"""Maps of the fundus for the page of a plan: what the oil of an answer touches, and the break."""
+"""Maps of the fundus: what oil at rest touches, and breaks."""
 import io
 from collections.abc import Mapping
 
 import numpy as np
 import pyvista
+from PIL import Image
 
 from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import Rest
@@ -28,11 +29,14 @@ class Charts:
 
     def png(self, rest: Rest) -> bytes:
         """Return the map of a shape at rest in this cavity, as a file."""
+        file = io.BytesIO()
+        self.draw(rest).save(file, "PNG")
+        return file.getvalue()
+
+    def draw(self, rest: Rest) -> Image.Image:
+        """Return the map of a shape at rest in this cavity."""
         wall = pyvista.PolyData(rest.cavity.wall)
         wall.point_data["contact_distance"] = Contact.of(rest).margin
         wall.point_data["oil_fraction_covered"] = np.ones(wall.n_points)
         wall.point_data["oil_fraction_bare"] = np.zeros(wall.n_points)
-        image = self._map.draw(wall, uncertain=UNCERTAIN)
-        file = io.BytesIO()
-        image.save(file, "PNG")
-        return file.getvalue()
+        return self._map.draw(wall, uncertain=UNCERTAIN)

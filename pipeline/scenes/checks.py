@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.base.words import printable
 from pipeline.scenes import container_checks
 from pipeline.scenes.eye_shape import eye_shape, globe_of
 from pipeline.scenes.model import Block, Break, Container, Eye, Initial, Material, Output, Region, Scene, is_closed
@@ -28,6 +29,10 @@ from sim.settings import Numerics
 Found = Iterator[tuple[Key, str]]
 
 MOST_FRAMES = 100_000
+MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
+LONGEST_NAME = 100
+NAME = rf"[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}"
+TAKEN = ("studies", "measurements", "plans", "logs")  # folders beside those of the scenes
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 
 
@@ -127,8 +132,19 @@ def check_start(parts: Mapping[str, Any], start: Scene, fill: Mapping[str, float
 
 @_check
 def _name_fits_into_paths(name: str) -> Found:
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        yield (), f'a scene named "{name}" cannot name a folder, use letters, digits, "_" and "-"'
+    if not re.fullmatch(NAME, name):
+        yield (), (f'a scene named "{printable(name)}" cannot name a folder, use up to {LONGEST_NAME} letters, digits, '
+                   '"_" and "-"')
+    if name.lower() in TAKEN:
+        yield (), f'a scene cannot be named "{name}": outputs/{name.lower()} holds other things'
+
+
+@_check
+def _names_are_names(liquids: tuple[Material, ...], accuracy: str, start_from: str | None) -> Found:
+    # Only a resolved scene can have others; they are parts of the names of files.
+    for key, name in (("accuracy", accuracy), ("start_from", start_from), *(("liquids", one.name) for one in liquids)):
+        if name is not None and not re.fullmatch(NAME, name):
+            yield (key,), f'names "{printable(name)}", but a name is made of letters, digits, "_" and "-"'
 
 
 @_check
@@ -281,6 +297,10 @@ def _frames_end_with_the_scene(output: Output) -> Found:
     elif round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
+    elif count > MOST_SEGMENTS * output.frames_per_segment:
+        yield (("output", "frames_per_segment"),
+               f"is {output.frames_per_segment}, but must be at least {math.ceil(count / MOST_SEGMENTS)}, which makes "
+               f"{MOST_SEGMENTS} segments of {round(count)} frames")
 
 
 @_check

@@ -29,6 +29,7 @@ LENS_RADIUS = 6.0e-3            # posterior surface of the lens
 LENS_EDGE = 4.5e-3              # radius of the lens at its equator
 LENS_THICKNESS = 3.6e-3         # without a lens the liquid reaches the plane of the iris, this far before the pole
 FILLET = 1.0e-3                 # width over which the edges at lens and ciliary body are rounded
+SMALLEST_VOLUME, LARGEST_VOLUME = 2e-6, 12e-6  # of any cavity, m3; eyes of 20 to 32 mm hold 3.3 to 10 mL
 SUBDIVISIONS = 5                # 20,480 triangles, edges of 0.4 mm
 
 

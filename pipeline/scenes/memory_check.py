@@ -23,8 +23,7 @@ def memory_of_computer() -> float:
         if controllers in ("", "memory"):
             top, name = (CGROUPS / "memory", "memory.limit_in_bytes") if controllers else (CGROUPS, "memory.max")
             folder = top / path.lstrip("/")
-            for one in (folder, *folder.parents):
-                limits.append(_number(one / name))
+            limits += [_number(one / name) for one in (folder, *folder.parents) if one.is_relative_to(top)]
     return min(limits)
 
 

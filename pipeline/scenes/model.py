@@ -138,7 +138,7 @@ class Material(Liquid):
 
     color: str = parameter("#9ecae1", meaning="color in pictures, as #rrggbb")
     clear: bool = parameter(False, meaning="clear liquid that fills an eye: pictures show the others in it")
-    source: str = parameter("", meaning="where the numbers come from")
+    source: str = parameter("", longest=1000, meaning="where the numbers come from")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,12 +177,15 @@ class Scene:
     """One experiment, ready to run; the order of ``liquids`` gives the phase indices."""
 
     name: str = parameter(meaning="name of the scene, from its file")
-    title: str = parameter("", meaning="heading of the pictures and of the report")
-    description: str = parameter("", meaning="what the scene shows")
-    label: str = parameter("", meaning="line drawn in every picture, for example a time-lapse warning")
+    title: str = parameter("", longest=200, meaning="heading of the pictures and of the report")
+    description: str = parameter("", longest=5000, meaning="what the scene shows")
+    label: str = parameter("", longest=200, meaning="line drawn in every picture, for example a time-lapse warning")
     accuracy: str = parameter(meaning="accuracy level that gave the numerics")
     dimension: int = parameter(3, minimum=2, maximum=3, meaning="dimensions of space")
     start_from: str | None = parameter(None, meaning="scene whose last checkpoint is the start")
+    allowed_time: float = parameter(
+        7 * 86400.0, unit="s", exclusive_minimum=0.0, maximum=10 * 365 * 86400.0,
+        meaning="time that the simulation may take on the computer; a longer one is refused until it is allowed here")
     eye: Eye | None = parameter(Eye(), meaning="the cavity, unless it is a container")
     breaks: tuple[Break, ...] = parameter((), meaning="breaks of the retina: when oil covers them, and how it presses")
     regions: tuple[Region, ...] = parameter((), meaning="parts of the wall whose coverage is measured")

@@ -7,15 +7,19 @@ import difflib
 import math
 import types
 import typing
+import unicodedata
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.value_files import READERS
 
 Key = tuple[str | int, ...]
+MOST_MESSAGES = 20  # that are shown of one file
+UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
 FAILED = object()  # stands for a value that could not be read; its error is collected
 
 
@@ -34,7 +38,7 @@ class Incomplete:
 
 
 class Errors:
-    """The errors of one scene, one sentence each.
+    """The errors of one scene, one sentence each; of many the first ones are kept, and their number.
 
     Parameters
     ----------
@@ -42,11 +46,13 @@ class Errors:
 
     Attributes
     ----------
+    messages : the first of them, each once. count : of all.
     origins : file in which a key was written, where that can be another one because of ``extends``.
     """
 
     def __init__(self, file: str | Path):
-        self.messages: list[str] = []
+        self.messages: dict[str, None] = {}
+        self.count = 0
         self.origins: dict[Key, Path] = {}
         self._file = file
 
@@ -55,12 +61,20 @@ class Errors:
         parents = (key[:length] for length in range(len(key), 0, -1))
         origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
         file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
-        self.messages.append(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
+        self.take(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
+
+    def take(self, sentence: str) -> None:
+        """Collect a whole sentence."""
+        if sentence not in self.messages:
+            self.count += 1
+            if len(self.messages) < MOST_MESSAGES:
+                self.messages[sentence] = None
 
     def raise_any(self) -> None:
-        """Raise all collected errors, if any, as one UserError."""
+        """Raise the collected errors, if any, as one UserError."""
+        more = self.count - len(self.messages)
         if self.messages:
-            raise UserError(*dict.fromkeys(self.messages))
+            raise UserError(*self.messages, *([f"{self._file}: and {more} more errors"] if more else []))
 
 
 class Reader:
@@ -194,6 +208,12 @@ class Reader:
             return self._fail(key, data, f"must be one of {', '.join(choices)}{nearest(data, choices)}")
         if not isinstance(data, str):
             return self._fail(key, data, f"must be text, in quotes if it looks like a number{_meaning(metadata)}")
+        if metadata["longest"]:
+            data = " ".join(data.split())  # a line break is a space: pictures and plots have one line for it
+            if len(data) > metadata["longest"]:
+                return self._fail(key, data, f"must have at most {metadata['longest']} characters{_meaning(metadata)}")
+        if any(unicodedata.category(letter) in UNWRITABLE for letter in data):
+            return self._fail(key, data, f"must be made of characters that can be written{_meaning(metadata)}")
         return data
 
     def _fail(self, key: Key, data: Any, message: str) -> Any:
@@ -207,7 +227,7 @@ def dotted(key: Key) -> str:
     >>> dotted(("effects", "gravity", "turns", 0, "to"))
     'effects.gravity.turns[0].to'
     """
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{printable(part)}" for part in key).removeprefix(".")
 
 
 def nearest(word: Any, names: Iterable[str]) -> str:
@@ -216,7 +236,7 @@ def nearest(word: Any, names: Iterable[str]) -> str:
     >>> nearest("viscosty", ["gravity", "viscosity"])
     ' (did you mean viscosity?)'
     """
-    word = str(word).lower()
+    word = printable(str(word)).lower()
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
     best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
@@ -229,7 +249,8 @@ def describe(data: Any) -> str:
         return "a mapping" if isinstance(data, dict) else "a list"
     if data is None:
         return "empty"
-    return str(data).lower() if isinstance(data, bool) else f'"{data}"' if isinstance(data, str) else str(data)
+    return str(data).lower() if isinstance(data, bool) else f'"{printable(data)}"' if isinstance(data, str) else \
+        printable(str(data))
 
 
 def allowed_range(metadata: Mapping) -> str:

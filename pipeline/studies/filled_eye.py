@@ -42,7 +42,6 @@ FILLS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98)
 CHECKED = (0.8, 0.95)                       # fills at which more directions are tried
 MAP_SIZE = 168                              # pixels
 MODEL_EYES = (9.5e-3, 12.5e-3)             # m, radii
-SHELLS = 40                                 # of the aqueous, along a ray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,15 +239,7 @@ def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[s
 
 def _in_front(rest: Rest) -> float:
     """Share of the aqueous that is before the equator."""
-    if not rest.settled:
-        return np.nan
-    cavity = rest.cavity
-    angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
-    gap = (cavity.radius - rest.distance)[:, None]
-    distance = rest.distance[:, None] + gap * (np.arange(SHELLS) + 0.5) / SHELLS
-    volume = angle[:, None] * distance**2 * gap
-    front = cavity.viewpoint[2] + distance * cavity.direction[:, 2:] > 0.0
-    return float((volume * front).sum() / volume.sum())
+    return rest.other.share(rest.other.position[:, 2] > 0.0) if rest.settled else np.nan
 
 
 def _maps(cavity: StarCavity, courses: list[Course]) -> list[Image.Image]:

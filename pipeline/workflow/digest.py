@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
+ASKED = ("allowed_time",)  # answers to questions, read by no results
 WORDS = ("title", "description", "label")
 PLACES = ("breaks", "regions")  # of the wall: measured and drawn
 PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoothing_length", "output.image_size",
@@ -62,7 +63,7 @@ def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
     """
     values = json.loads(json.dumps(dataclasses.asdict(scene)))
     values["schemes"] = values["schemes"].get(scene.numerics.scheme)
-    for key in unread:
+    for key in (*ASKED, *unread):
         first, _, second = key.partition(".")
         if not second:
             values.pop(first)

@@ -13,6 +13,7 @@ from pipeline.base import palette
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData, frame_path, write_frame
 from pipeline.base.tables import read_table
+from pipeline.cavity.initial_state import save_initial
 from pipeline.cavity.shapes import shape_arrays
 from pipeline.measures import plots, rest
 from pipeline.measures.coverage import WallContact
@@ -371,7 +372,7 @@ def test_columns_belong_to_the_longest_name():
 def run_folder(tmp_path, sphere):
     """Return an output folder with two segments, as the stages before write it."""
     (tmp_path / "scene.json").write_text(make_scene().to_json())
-    np.savez(tmp_path / "initial.npz", **sphere)
+    save_initial(tmp_path / "initial.npz", sphere)
     for index, segment in [(0, 0), (1, 0), (2, 1)]:
         state = make_state(sphere, sphere["fluid_position"][:, 1] > 1e-3 * index, time=0.1 * index,
                            statistics={"pressure_iterations": 7.0, "time_step": 1e-3} if index else {})

@@ -98,7 +98,7 @@ def test_the_page_is_written_with_its_table_and_pictures(study, outcomes, tmp_pa
         folders.append(tmp_path / name)
         folders[-1].mkdir()
         outcome.write(folders[-1])
-    write_study(study, folders, tmp_path)
+    write_study(study, [Outcome.read(folder) for folder in folders], tmp_path)
     text = (tmp_path / "table.html").read_text(encoding="utf-8")
     assert "illustration of physics, not for decisions on a patient" in text
     assert "Patient upright, 80 % of the volume filled" in text or "Patient upright, 90 %" in text
