@@ -138,7 +138,7 @@ def _assumed() -> list[str]:
 def validated(shed: Rows, outcomes: Sequence[Outcome]) -> list[str]:
     """Return how far shapes and law were checked."""
     base = by(shed, BASE)[0]
-    items = [page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 "
+    items: list[str] = [page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 "
                          "degrees off the exact one with the directions taken here (1 degree with more):",
                          link_to("methods/equilibrium.md")),
              page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
