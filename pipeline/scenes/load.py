@@ -14,7 +14,7 @@ from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
 from pipeline.scenes.paths import file_of_project
-from pipeline.scenes.reader import FAILED, Errors, NotRead, Reader, describe, nearest
+from pipeline.scenes.reader import FAILED, Errors, Key, NotRead, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
 from sim.effects import REGISTRY
 from sim.schemes import REGISTRY as SCHEMES
@@ -113,7 +113,7 @@ class _Resolver:
         liquids = data.get("liquids")
         # With an unknown liquid the references to the right name would look wrong too.
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
-        reader = Reader(errors, liquids if known else (), path.parent)
+        reader = Reader(errors, liquids if known else (), lambda name, key: self._beside(path, name, key, errors))
         reader.refuse_unknown(data, SCENE_KEYS, ())
         parts: dict[str, Any] = {"name": path.stem, "accuracy": self.accuracy}
         if liquids is not None:
@@ -158,9 +158,19 @@ class _Resolver:
         """Return ``eye`` with the path of its mesh taken from the folder of the scene file."""
         if eye.path is None:
             return eye
+        return dataclasses.replace(eye, path=file_of_project(
+            scene_file, eye.path, self._project(scene_file), ("eye", "path"), errors))
+
+    def _beside(self, scene_file: Path, name: str, key: Key, errors: Errors) -> Path | None:
+        """Return the path of another file that a scene names; None where it cannot."""
+        known = errors.count
+        path = file_of_project(scene_file, name, self._project(scene_file), key, errors)
+        return Path(path) if errors.count == known else None
+
+    def _project(self, scene_file: Path) -> Path:
+        """Folder in which all files lie that a scene may name."""
         folder = Path(os.path.abspath(scene_file)).parent
-        project = folder.parents[1] if folder.parent.resolve() == self._config_dir.resolve() else folder
-        return dataclasses.replace(eye, path=file_of_project(scene_file, eye.path, project, ("eye", "path"), errors))
+        return folder.parents[1] if folder.parent.resolve() == self._config_dir.resolve() else folder
 
     def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
         """Collect the errors of the scene that this one starts from, or of what they should have in common."""

@@ -8,7 +8,7 @@ import math
 import types
 import typing
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +84,14 @@ class Reader:
     ----------
     errors : collects what is wrong.
     liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
-    folder : where files are that parameters name in place of their values; none can be named without it.
+    find : returns the path of a file that a parameter, whose key is told too, names in place of its values, or None and
+        collects the error; none can be named without it.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = (), folder: Path | None = None):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (),
+                 find: Callable[[str, Key], Path | None] | None = None):
         self._errors = errors
-        self._folder = folder
+        self._find = find
         self._liquids = tuple(liquids) or None
 
     def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
@@ -136,8 +138,9 @@ class Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is types.UnionType:  # X | None
             return None if data is None else self._value(arguments[0], metadata, data, key)
-        if metadata.get("file") and isinstance(data, str) and self._folder is not None:
-            return self._from_file(kind, metadata, data, key)
+        if metadata.get("file") and isinstance(data, str) and self._find is not None:
+            path = self._find(data, key)
+            return FAILED if path is None else self._from_file(kind, metadata, path, key)
         if dataclasses.is_dataclass(kind):
             return self.record(kind, data, key)
         if "kinds" in metadata:
@@ -149,13 +152,13 @@ class Reader:
         return {float: self._number, int: self._number, bool: self._bool, str: self._text}[kind](
             kind, metadata, data, key)
 
-    def _from_file(self, kind: Any, metadata: Mapping, name: str, key: Key) -> Any:
+    def _from_file(self, kind: Any, metadata: Mapping, path: Path, key: Key) -> Any:
         """Read the values of a parameter from a file that stands in their place."""
         try:
-            values = READERS[metadata["file"]](self._folder / name)
+            values = READERS[metadata["file"]](path)
         except UserError as error:
             for sentence in error.messages:
-                self._errors.add(key, f'is "{name}", but {sentence}')
+                self._errors.add(key, f"is {describe(path.name)}, but {sentence}")
             return FAILED
         return self._value(kind, metadata, values, key)
 

@@ -3,6 +3,7 @@
 Equations: docs/methods/gravity.md.
 """
 import csv
+import itertools
 import math
 import re
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 
 MOST_LINES = 10_000
 ANGLES, GRAVITY = ("pitch", "roll", "yaw"), ("gravity_x", "gravity_y", "gravity_z")
@@ -40,17 +42,16 @@ def head_orientation(path: Path) -> list[list[float]]:
     ------
     UserError : with a clause for what is wrong: columns, units, numbers, order, gaps, lengths.
     """
-    if not path.is_file():
-        raise UserError(f"there is no such file beside the scene ({path})")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
+            filled = (line for line in csv.reader(file) if any(cell.strip() for cell in line))
+            lines = list(itertools.islice(filled, MOST_LINES + 2))
     except (UnicodeDecodeError, csv.Error):
         raise UserError("it is no CSV file in UTF-8: a header and lines of numbers between commas") from None
     if len(lines) < 2:
         raise UserError(f"it has no lines of numbers below a header of {COLUMNS}")
     if len(lines) - 1 > MOST_LINES:
-        raise UserError(f"it has {len(lines) - 1} lines, but at most {MOST_LINES} can be read; leave out some")
+        raise UserError(f"it has more than {MOST_LINES} lines, which is all that can be read; leave out some")
     columns = _columns(lines[0])
     table = {name: [] for name in columns}
     for number, line in enumerate(lines[1:], start=2):
@@ -75,11 +76,11 @@ def _columns(header: list[str]) -> dict[str, float]:
         name, unit = (match[1], match[2]) if match else (cell, None)
         if name not in UNITS or name in columns:
             said = "twice" if name in columns else "that is not known"
-            raise UserError(f'it has the column "{cell.strip()}" {said}; allowed are {COLUMNS}')
+            raise UserError(f'it has the column "{printable(cell.strip())}" {said}; allowed are {COLUMNS}')
         if unit not in UNITS[name]:
             units = " or ".join(f"{name} [{one}]" for one in UNITS[name])
-            raise UserError(f'its column "{cell.strip()}" has {"no" if unit is None else "an unknown"} unit, but must '
-                            f"be {units}")
+            which = "no" if unit is None else "an unknown"
+            raise UserError(f'its column "{printable(cell.strip())}" has {which} unit, but must be {units}')
         columns[name] = UNITS[name][unit]
     given = set(columns) - {"yaw"}
     if given not in ({"time", "pitch", "roll"}, {"time", *GRAVITY}) or ("yaw" in columns and GRAVITY[0] in columns):
@@ -93,7 +94,7 @@ def _number(name: str, cell: str, line: int) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        said = f'is "{cell.strip()}"' if cell.strip() else "is empty"
+        said = f'is "{printable(cell.strip())}"' if cell.strip() else "is empty"
         raise UserError(f"its line {line} has a gap: {name} {said}, but must be a number in every line; leave out the "
                         "line, or fill it in")
     return value
