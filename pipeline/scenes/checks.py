@@ -29,6 +29,7 @@ from sim.settings import Numerics
 Found = Iterator[tuple[Key, str]]
 
 MOST_FRAMES = 100_000
+MOST_PLACES = 100  # each has several columns and lines in plots
 MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
 LONGEST_NAME = 100
 NAME = rf"[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}"
@@ -224,13 +225,16 @@ def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...]
     for key, places in (("breaks", breaks), ("regions", regions)):
         if places and (eye is None or dimension != 3):
             yield (key,), "are parts of the wall of an eye in three dimensions, but the scene has none; remove them"
+        if len(places) > MOST_PLACES:
+            yield (key,), f"has {len(places)} entries, but must have at most {MOST_PLACES}"
         names = [one.name for one in places]
         for index, name in enumerate(names):
-            if not re.fullmatch(r"[A-Za-z0-9_]+", name) or name == "band" or name.startswith("band_"):
-                yield ((key, index, "name"), f'is "{name}", but must be made of letters, digits and _, and not begin '
-                                             'with "band_", for it names columns')
+            if not re.fullmatch(r"[A-Za-z0-9_]{1,60}", name) or name == "band" or name.startswith("band_"):
+                yield ((key, index, "name"), f'is "{printable(name)}", but must be made of letters, digits and _, 60 '
+                                             'at most, and not begin with "band_", for it names columns')
             if name in names[:index]:
-                yield (key, index, "name"), f'is "{name}", as another one is named already; give each its own name'
+                yield ((key, index, "name"), f'is "{printable(name)}", as another one is named already; give each its '
+                                             'own name')
 
 
 @_check

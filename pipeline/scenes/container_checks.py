@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from pipeline.base.words import duration as in_words
 from pipeline.scenes.eye_shape import SMALLEST_VOLUME, published_volume
-from pipeline.scenes.memory_check import too_large
+from pipeline.scenes.memory_check import too_fine, too_large
 from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scenes.reader import Key
 from sim.effects import REGISTRY
@@ -19,6 +19,7 @@ Found = Iterator[tuple[Key, str]]
 
 FEWEST_SPACINGS = 4  # per side of a container: below, every particle touches both walls
 LEAST_TIME = 2e-4  # s that a time step takes on any computer, be there hardly a particle
+EYE_IN_BOX = 1.9  # volume of the box around an eye, over its own
 MOST_BLOCKS = 1000  # every two of them are compared
 FUNNEL_SPACINGS = 2.0  # thickness of the wall of a funnel
 ROUNDING = 1e-9  # of lengths, relative to the container
@@ -218,6 +219,16 @@ def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...],
         yield ("numerics", "particle_spacing"), reason
 
 
+def surfaces_fit_into_memory(output: Output, numerics: Numerics, dimension: int, eye: Eye | None,
+                             container: Container | None) -> Found:
+    if dimension == 2 or (container is None and (eye is None or eye.model != "parametric")):
+        return
+    box = math.prod(container.size) if container else EYE_IN_BOX * published_volume(eye.axial_length)
+    reason = too_fine(output.cell_ratio, output.contour, box / numerics.particle_spacing**3)
+    if reason:
+        yield ("output", "cell_ratio"), reason
+
+
 def cost_is_allowed(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict, dimension: int,
                     container: Container | None, blocks: tuple[Block, ...], output: Output, allowed_time: float
                     ) -> Found:
@@ -255,5 +266,6 @@ CHECKS = (
     blocks_have_room_for_particles, blocks_do_not_overlap,
     lines_have_no_triangles, points_are_in_the_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
-    fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory, cost_is_allowed,
+    fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory,
+    surfaces_fit_into_memory, cost_is_allowed,
 )

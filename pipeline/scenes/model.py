@@ -123,7 +123,7 @@ class Block:
     @property
     def volume(self) -> float:
         """Volume, m3 (m2 in two dimensions)."""
-        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}
+        share = {"box": 1.0, "ball": math.pi / (2 * max(len(self.lower), 1))}
         return share.get(self.shape, math.pi / 4.0) * math.prod(self.sides)
 
     @property

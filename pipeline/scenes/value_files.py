@@ -3,7 +3,6 @@
 Equations: docs/methods/gravity.md.
 """
 import csv
-import itertools
 import math
 import re
 from collections.abc import Callable
@@ -14,7 +13,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
 
-MOST_LINES = 10_000
+MOST_LINES, MOST_BYTES = 10_000, 5_000_000
 ANGLES, GRAVITY = ("pitch", "roll", "yaw"), ("gravity_x", "gravity_y", "gravity_z")
 UNITS = {"time": {"s": 1.0, "min": 60.0, "h": 3600.0},
          **{name: {"deg": math.pi / 180.0, "rad": 1.0} for name in ANGLES},
@@ -42,16 +41,18 @@ def head_orientation(path: Path) -> list[list[float]]:
     ------
     UserError : with a clause for what is wrong: columns, units, numbers, order, gaps, lengths.
     """
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise UserError(f"it has {size} bytes, but at most {MOST_BYTES} can be read; leave out some lines")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            filled = (line for line in csv.reader(file) if any(cell.strip() for cell in line))
-            lines = list(itertools.islice(filled, MOST_LINES + 2))
+            lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
     except (UnicodeDecodeError, csv.Error):
         raise UserError("it is no CSV file in UTF-8: a header and lines of numbers between commas") from None
     if len(lines) < 2:
         raise UserError(f"it has no lines of numbers below a header of {COLUMNS}")
     if len(lines) - 1 > MOST_LINES:
-        raise UserError(f"it has more than {MOST_LINES} lines, which is all that can be read; leave out some")
+        raise UserError(f"it has {len(lines) - 1} lines, but at most {MOST_LINES} can be read; leave out some")
     columns = _columns(lines[0])
     table = {name: [] for name in columns}
     for number, line in enumerate(lines[1:], start=2):
@@ -79,8 +80,8 @@ def _columns(header: list[str]) -> dict[str, float]:
             raise UserError(f'it has the column "{printable(cell.strip())}" {said}; allowed are {COLUMNS}')
         if unit not in UNITS[name]:
             units = " or ".join(f"{name} [{one}]" for one in UNITS[name])
-            which = "no" if unit is None else "an unknown"
-            raise UserError(f'its column "{printable(cell.strip())}" has {which} unit, but must be {units}')
+            raise UserError(f'its column "{printable(cell.strip())}" has {"no" if unit is None else "an unknown"} '
+                            f"unit, but must be {units}")
         columns[name] = UNITS[name][unit]
     given = set(columns) - {"yaw"}
     if given not in ({"time", "pitch", "roll"}, {"time", *GRAVITY}) or ("yaw" in columns and GRAVITY[0] in columns):
