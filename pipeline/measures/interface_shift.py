@@ -42,7 +42,7 @@ def _law() -> tuple[np.ndarray, np.ndarray]:
 
 
 def distance_of(fraction: np.ndarray, support_radius: float) -> np.ndarray:
-    """Signed distance to the interface, m, positive in the oil, where the smoothed fraction is as given. (Q8)"""
+    """Signed distance to the interface, m, positive in the oil, where the smoothed fraction is as given. (Q9)"""
     return support_radius * np.interp(fraction, *_law())
 
 

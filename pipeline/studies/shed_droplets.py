@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.equilibrium.contact import Contact, interpolation
+from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import Rest
 from pipeline.planning.settings import postures
 from pipeline.scenes.load import PROJECT_CONFIG
@@ -189,8 +190,8 @@ def line_of(rest: Rest) -> tuple[np.ndarray, np.ndarray]:
 
 def along(rest: Rest, values: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Values (..., n) of the directions of a cavity in other directions (k, 3), (..., k)."""
-    rays = dataclasses.replace(rest.cavity, viewpoint=np.zeros(3))
-    corners, weights = interpolation(rays, direction)
+    cavity = rest.cavity
+    corners, weights = interpolation(cavity.wall - cavity.viewpoint, cavity.faces, direction)
     return (values[..., corners] * weights).sum(axis=-1)
 
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.cavity.rays import interpolation
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
-from pipeline.equilibrium.contact import interpolation
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest
 from pipeline.equilibrium.star_cavity import cavity_of
 from pipeline.measures.frame_view import Measured
@@ -54,8 +54,8 @@ def depth_in_oil(rest: Rest, position: np.ndarray) -> np.ndarray:
     """How far points (n, 3) lie in the oil, along the ray from the viewpoint, (n,), m; negative outside."""
     arm = position - rest.cavity.viewpoint
     distance = np.linalg.norm(arm, axis=1)
-    rays = dataclasses.replace(rest.cavity, viewpoint=np.zeros(3))  # as seen from the viewpoint
-    corners, weights = interpolation(rays, arm / np.maximum(distance, 1e-9)[:, None])
+    wall = rest.cavity.wall - rest.cavity.viewpoint
+    corners, weights = interpolation(wall, rest.cavity.faces, arm / np.maximum(distance, 1e-9)[:, None])
     return (rest.distance[corners] * weights).sum(axis=1) - distance
 
 
