@@ -28,6 +28,7 @@ from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.report import html_of, text_of
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
 from pipeline.planning.settings import Settings, load_settings, postures
+from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES, Eye, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
@@ -85,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--side", choices=SIDES, default="right", help="which eye, for the words nasal and temporal")
     parser.add_argument("--axial-length", default="24 mm", help="of the eye (default: 24 mm)")
     parser.add_argument("--lens", choices=LENSES, default="phakic", help="of the eye (default: phakic)")
+    parser.add_argument("--eye", type=Path, metavar="SCENE", help="scene file whose eye is taken, with buckle, "
+                                                                    "staphyloma, landmarks and all, such as "
+                                                                    "config/scenes/tamponade.yaml")
     parser.add_argument("--mesh", type=Path, help="surface of the cavity instead of the model eye")
     parser.add_argument("--unit", choices=MESH_UNITS, default="mm", help="unit of length of the mesh (default: mm)")
     parser.add_argument("--tension", help="interface tension (default: config/plan.yaml)")
@@ -127,6 +131,11 @@ class Margin:
 
 
 def _eye(options: argparse.Namespace) -> Eye:
+    if options.eye is not None:
+        eye = load_scene(options.eye).eye
+        if eye is None:
+            raise UserError(f"--eye: the scene {options.eye} has a container, but a plan needs an eye")
+        return eye
     if options.mesh is None:
         return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens, "side": options.side})
     return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side})

@@ -31,7 +31,8 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
     made = [outcome.pictures for outcome in outcomes]
     made += [family.pictures(outcomes) for family in study.families() if hasattr(family, "pictures")]
     for pictures in made:
-        for name, content in pictures.items():
+        for name in pictures.keys() & set(study.pictures()):
+            content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
     parts = []
@@ -39,6 +40,10 @@ def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
         from pipeline.study_kit.filled_eye_page import write_filled_eye
 
         parts = write_filled_eye(study.description, outcomes, target)
+    if study.report == "patient_eyes":
+        from pipeline.study_kit.patient_eyes_page import write_patient_eyes
+
+        parts = write_patient_eyes(study.description, outcomes, target)
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 

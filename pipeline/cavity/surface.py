@@ -52,10 +52,10 @@ def volume_in_words(report: dict) -> str:
     """
     said = f"cavity {1e6 * report['volume']:.2f} mL"
     if "published_volume" in report:
-        length = 1e3 * report["axial_length"]
-        said += (f"; expected of {length:g} mm: {1e6 * report['published_volume']:.2f} mL (144 operated eyes of 20 to "
-                 f"32 mm, de Santana et al.), {1e6 * imaged_volume(report['axial_length']):.2f} mL (imaged eyes, Zhou et "
-                 "al. 2020, doi:10.1097/MD.0000000000022685)")
+        length, imaged = report["axial_length"], imaged_volume(report["axial_length"])
+        said += (f"; expected of {1e3 * length:g} mm: {1e6 * report['published_volume']:.2f} mL (144 operated eyes of "
+                 f"20 to 32 mm, de Santana et al.), {1e6 * imaged:.2f} mL (imaged eyes, Zhou et al. 2020, "
+                 "doi:10.1097/MD.0000000000022685)")
     return said
 
 

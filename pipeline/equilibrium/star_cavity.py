@@ -149,7 +149,7 @@ def _viewpoints(eye: Eye, half: float) -> Iterable[list[float]]:
 
 
 def seeing_most(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Point (3,), m, that is farthest behind the plane of every triangle: if any point sees all of a wall, this does."""
+    """Point (3,), m, farthest behind the planes of all triangles: if any point sees the whole wall, this one does."""
     from scipy.optimize import linprog
 
     normal, center = mesh.face_normals, mesh.triangles_center

@@ -1,4 +1,5 @@
 """A scene that confirms an answer by one simulation: the oil comes to rest from a level start."""
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +24,11 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     base = read_extended(path, Errors(path))
     wetting = next(name for name, values in base["effects"].items() if "contact_angle" in values)
     fill, oil = min(answer.fill, question.largest_fill), answer.oils[0]
-    cavity: dict[str, object] = {"model": eye.model, "side": eye.side}
-    if eye.model == "mesh":
-        cavity |= {"path": str(Path(eye.path or "").resolve()), "unit": eye.unit}
-    else:
-        cavity |= {"axial_length": f"{1e3 * eye.axial_length:g} mm", "lens": eye.lens}
+    told = dataclasses.asdict(eye if eye.path is None else dataclasses.replace(eye, path=str(Path(eye.path).resolve())))
+    cavity = {key: _plain(value) for key, value in told.items() if value != getattr(Eye(), key)}
+    cavity |= {"model": eye.model, "side": eye.side}
+    if eye.model == "parametric":
+        cavity |= {"axial_length": eye.axial_length, "lens": eye.lens}
     fills: dict[str, float | None] = dict.fromkeys(base["initial"]["fill"])  # null removes what is inherited
     fills |= {oil: round(fill, 4), question.other.name: round(1.0 - round(fill, 4), 4)}
     scene = {
@@ -42,3 +43,10 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
                               "contact_angle": f"{np.degrees(question.contact_angle):.6g} deg"}},
     }
     return "# yaml-language-server: $schema=../schema.json\n" + yaml.safe_dump(scene, sort_keys=False, width=120)
+
+
+def _plain(value: object) -> object:
+    """A value as YAML writes it: lists for tuples, and nothing of a record that is not told."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items() if one is not None}
+    return list(value) if isinstance(value, tuple) else value

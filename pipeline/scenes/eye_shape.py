@@ -29,8 +29,8 @@ LENS_RADIUS = 6.0e-3            # posterior surface of the lens
 LENS_EDGE = 4.5e-3              # radius of the lens at its equator
 LENS_THICKNESS = 3.6e-3         # without a lens the liquid reaches the plane of the iris, this far before the pole
 FILLET = 1.0e-3                 # width over which the edges at lens and ciliary body are rounded
-SUBDIVISIONS = 5                # 20,480 triangles, edges of 0.4 mm; with an anterior chamber, seen from the pupil, one more
-# Back of the cornea, of the Gullstrand eye: radius, and distance of its apex to the front, where the axial length begins.
+SUBDIVISIONS = 5                # 20,480 triangles, edges of 0.4 mm; one more where the far wall is seen from the pupil
+# Back of the cornea, of the Gullstrand eye: radius, and distance of its apex to the front.
 CORNEA_RADIUS, CORNEA_THICKNESS = 6.8e-3, 0.5e-3
 IRIS_ANGLE = np.radians(15.0)   # of front and back of the iris with its plane: a wedge whose edge is the pupil
 LONGEST_EMMETROPIC = 25.7e-3    # m: halfway between the two groups of imaged eyes

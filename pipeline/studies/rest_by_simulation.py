@@ -100,7 +100,8 @@ def _read(scene: Scene, initial: dict[str, np.ndarray], solver, oil: int) -> lis
     return _shares(scene, initial, arrays["position"].astype(float), arrays["volume_fraction"][:, oil].astype(float))
 
 
-def _shares(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray, oil_fraction: np.ndarray) -> list[float]:
+def _shares(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray,
+            oil_fraction: np.ndarray) -> list[float]:
     """Covered shares of the retina and its parts by the project's rule, in percent."""
     numerics = scene.numerics
     contact = WallContact.of(initial, position, oil_fraction, particle_spacing=numerics.particle_spacing,

@@ -22,8 +22,8 @@ OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
 FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
-# Figures of the families, `pipeline.study_kit.tradeoff`, or `pipeline.study_kit.filled_eye_page`.
-REPORTS = ("curves", "tradeoff", "filled_eye")
+# Figures of the families, or `tradeoff`, `filled_eye_page` or `patient_eyes_page` of `pipeline.study_kit`.
+REPORTS = ("curves", "tradeoff", "filled_eye", "patient_eyes")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +51,10 @@ class Case:
             return []
         name = self.family.solves(self.parameters)
         return [load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", self.accuracy)]
+
+    def files(self) -> list[str]:
+        """Files beside those of scenes that the case reads."""
+        return self.family.files(self.parameters) if hasattr(self.family, "files") else []
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -94,6 +98,8 @@ class Study:
             return [f"{family}_tradeoff" for family in self.family_names()]
         if self.report == "filled_eye":
             return ["fill_curves", "fundus_maps"]
+        if self.report == "patient_eyes":
+            return ["eye_maps"]
         made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
@@ -103,7 +109,8 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"]}.get(self.report, [])
+        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"],
+                "patient_eyes": ["shares"]}.get(self.report, [])
 
     def case(self, name: str) -> Case:
         """Return a case by name.
