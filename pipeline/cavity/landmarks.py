@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 
 from pipeline.base.errors import UserError
-from pipeline.cavity.mesh_import import globe_center
+from pipeline.cavity.mesh_import import center_of_sphere
+from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.pictures.fundus_map import DISC_RISE
 from pipeline.scenes.model import Landmarks
 
@@ -31,15 +32,16 @@ def laid(mesh: trimesh.Trimesh, landmarks: Landmarks | None, side: str, name: st
     """
     if landmarks is None:
         return mesh, ["its axes were taken as they are: x to the patient's left, y superior, z anterior"]
-    center, said = globe_center(mesh), []
+    center, said = center_of_sphere(mesh.vertices), []
     for key in ("fovea", "optic_disc"):
         point = getattr(landmarks, key)
         if point is not None:
-            away = float(trimesh.proximity.closest_point(mesh, [point])[1][0])
+            away = float(distance_to_triangles(mesh, np.array([point]), longest_edge=1e-3)[0])
             if away > FARTHEST:
                 raise UserError(f"{name} (eye.landmarks.{key}): lies {1e3 * away:.2g} mm off the surface, but must be "
                                 f"within {1e3 * FARTHEST:g} mm of it, in the coordinates of the file")
     axis = _axis(mesh, center, landmarks, name, said)
+    center = center_of_sphere(mesh.vertices[(mesh.vertices - center) @ axis < 0.0])     # the front is no sphere
     superior = _unit(landmarks.superior)
     if abs(superior @ axis) > LARGEST_COSINE:
         raise UserError(f"{name} (eye.landmarks.superior): points along the axis of the eye, "

@@ -12,6 +12,7 @@ from sim.settings import Liquid, Numerics, Settings
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
+EQUATOR, ORA = math.radians(90.0) + 1e-9, math.radians(115.0) + 1e-9    # from the posterior pole; units are rounded
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
@@ -22,7 +23,7 @@ class Buckle:
     height: float = parameter(unit="m", exclusive_minimum=0.0, maximum=0.005, meaning="depth of the indentation")
     width: float = parameter(0.004, unit="m", minimum=0.002, maximum=0.012,
                              meaning="width of the indentation at half its depth")
-    latitude: float = parameter(math.radians(95.0), unit="rad", minimum=math.radians(50.0), maximum=math.radians(115.0),
+    latitude: float = parameter(math.radians(95.0), unit="rad", minimum=math.radians(50.0), maximum=ORA,
                                 meaning="angle of its ridge from the posterior pole: equator 90 deg, ora 115 deg")
     clock_hours: tuple[float, float] | None = parameter(
         None, minimum=0.0, maximum=12.0,
@@ -36,7 +37,7 @@ class Staphyloma:
     depth: float = parameter(unit="m", exclusive_minimum=0.0, maximum=0.006, meaning="depth of the bulge")
     width: float = parameter(0.010, unit="m", minimum=0.004, maximum=0.016,
                              meaning="width of the bulge at half its depth")
-    angle: float = parameter(0.0, unit="rad", minimum=0.0, maximum=math.radians(90.0),
+    angle: float = parameter(0.0, unit="rad", minimum=0.0, maximum=EQUATOR,
                              meaning="angle of its middle from the posterior pole")
     clock_hour: float = parameter(6.0, minimum=0.0, maximum=12.0,
                                   meaning="clock hour of its middle, as an observer sees it who faces the patient")
