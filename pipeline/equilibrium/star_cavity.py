@@ -4,7 +4,7 @@ Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import trimesh
@@ -118,7 +118,7 @@ def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:
 def cavity_of(eye: Eye, cuts: int = DRAFT) -> StarCavity:
     """Return the cavity of an eye, seen from the point of its axis that meets the wall least aslant.
 
-    An anterior chamber is seen through the pupil only, and a user's mesh may need a point beside the axis.
+    An anterior chamber is seen through the pupil only, and a user's mesh from deepest behind all of its triangles.
 
     Raises
     ------
@@ -134,28 +134,28 @@ def cavity_of(eye: Eye, cuts: int = DRAFT) -> StarCavity:
             continue
         if best is None or found.slope.min() > best.slope.min():
             best = found
-    if best is None and eye.model == "mesh":
-        best = StarCavity.of_level(level, seeing_most(cavity_mesh(eye)[0]), COARSE)
     if best is None:
         raise refusal
     return best if cuts == COARSE else StarCavity.of_level(level, best.viewpoint, cuts)
 
 
-def _viewpoints(eye: Eye, half: float) -> Iterable[list[float]]:
+def _viewpoints(eye: Eye, half: float) -> Sequence:
     """Points to look from, m."""
     if eye.model == "parametric" and eye.anterior_chamber:
         return [[0.0, 0.0, shape_of(eye).front]]
+    if eye.model == "mesh" and (seeing := seeing_all(cavity_mesh(eye)[0])) is not None:
+        return [seeing]
     return [[0.0, 0.0, share * half] for share in VIEWPOINTS]
 
 
-def seeing_most(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Point (3,), m, farthest behind the planes of all triangles: if any point sees the whole wall, this one does."""
+def seeing_all(mesh: trimesh.Trimesh) -> np.ndarray | None:
+    """Return the point (3,), m, deepest behind the planes of all triangles; None where no point is behind all."""
     from scipy.optimize import linprog
 
     normal, center = mesh.face_normals, mesh.triangles_center
     behind = np.column_stack([normal, np.ones(len(normal))])
     found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=behind, b_ub=(normal * center).sum(axis=1), bounds=(None, None))
-    return found.x[:3]
+    return found.x[:3] if found.x[3] > 0.0 else None
 
 
 @functools.cache
