@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.vtk_files import set_text, write_vtk
+from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
 from pipeline.cavity.landmarks import laid
 from pipeline.cavity.mesh_import import import_mesh
 from pipeline.cavity.regions import region_names, regions_of
@@ -40,7 +40,7 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
     imported = import_mesh(eye.path, eye.unit, eye.force)
     mesh, lies = laid(imported.mesh, eye.landmarks, eye.side, eye.path)
     return mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
-                  "orientation": lies}
+                  "warnings": list(imported.warnings), "orientation": lies}
 
 
 def volume_in_words(report: dict) -> str:
@@ -106,7 +106,7 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
-    surface = pyvista.read(path)
+    surface = read_vtk(path)
     mesh = trimesh.Trimesh(surface.points, surface.regular_faces, process=False)
     if not mesh.is_watertight:
         raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")

@@ -29,6 +29,7 @@ LENS_RADIUS = 6.0e-3            # posterior surface of the lens
 LENS_EDGE = 4.5e-3              # radius of the lens at its equator
 LENS_THICKNESS = 3.6e-3         # without a lens the liquid reaches the plane of the iris, this far before the pole
 FILLET = 1.0e-3                 # width over which the edges at lens and ciliary body are rounded
+SMALLEST_VOLUME, LARGEST_VOLUME = 2e-6, 12e-6  # of any cavity, m3; eyes of 20 to 32 mm hold 3.3 to 10 mL
 SUBDIVISIONS = 5                # 20,480 triangles, edges of 0.4 mm; one more where the far wall is seen from the pupil
 # Back of the cornea, of the Gullstrand eye: radius, and distance of its apex to the front.
 CORNEA_RADIUS, CORNEA_THICKNESS = 6.8e-3, 0.5e-3
@@ -181,6 +182,11 @@ def shape_of(eye: Eye) -> EyeShape:
     return eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
                      vertical_diameter=eye.vertical_diameter, pupil=eye.pupil if eye.anterior_chamber else None,
                      buckle=eye.buckle, staphyloma=eye.staphyloma)
+
+
+def globe_of(eye: Eye) -> float:
+    """Return the radius of the globe behind, m; of a mesh, before it is read, that of the default eye."""
+    return float(eye_shape(eye.axial_length if eye.model == "parametric" else REFERENCE_LENGTH).half_axes[2])
 
 
 def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":

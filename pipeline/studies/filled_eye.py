@@ -72,6 +72,7 @@ class Parameters:
 def run(case: Parameters) -> Outcome:
     """Let the tamponade come to rest at all fills, postures and contact angles."""
     outcome, cavity = Outcome(), cavity_of(Eye(axial_length=case.axial_length))
+    front = cavity_of(Eye(axial_length=case.axial_length), from_front=True)
     finer = cavity_of(Eye(axial_length=case.axial_length), DRAFT + 1)
     exact = [oil_at_rest(fill, np.radians(case.contact_angle), abs(case.aqueous_density - case.density) * GRAVITY
                          / case.tension, case.radius, 3) for fill in case.fills]
@@ -83,10 +84,10 @@ def run(case: Parameters) -> Outcome:
     outcome.rows += _model_eyes(case)
     pictures = []
     for posture in case.postures:
-        masks, down = parts_of(cavity), down_of(posture)
-        courses = [course_of(cavity, masks, case.liquids(angle), down, case.fills)
+        down = down_of(posture)
+        courses = [course_of((cavity, front), case.liquids(angle), down, case.fills)
                    for angle in (case.contact_angle, *case.other_angles)]
-        changes = change_with_directions(finer, parts_of(finer), case.liquids(case.contact_angle), down, courses[0],
+        changes = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0],
                                          nearest(case.fills, CHECKED))
         error = np.maximum(changes, sphere_error)
         found = np.concatenate([course.shares for course in courses])

@@ -23,7 +23,6 @@ from pipeline.study_kit.fills_at_rest import (
     fundus_maps,
     in_front,
     nearest,
-    parts_of,
 )
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.patient_eyes_page import (
@@ -79,11 +78,11 @@ def run(case: Parameters) -> Outcome:
     shown = nearest(case.fills, [0.01 * SHOWN])
     lines, maps, section = [], [], Image.new("RGB", (1, 1))
     for posture in case.postures:
-        masks, down = parts_of(cavity, right_eye=right_eye), down_of(posture)
-        courses = [course_of(cavity, masks, case.liquids(angle), down, case.fills)
+        down = down_of(posture)
+        courses = [course_of([cavity], case.liquids(angle), down, case.fills, right_eye=right_eye)
                    for angle in (case.contact_angle, *case.other_angles)]
-        error = change_with_directions(finer, parts_of(finer, right_eye=right_eye), case.liquids(case.contact_angle),
-                                       down, courses[0], shown)
+        error = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0], shown,
+                                       right_eye=right_eye)
         found = np.concatenate([course.shares for course in courses])
         low, high = np.fmin.reduce(found) - error, np.fmax.reduce(found) + error
         for n, fill in enumerate(case.fills):

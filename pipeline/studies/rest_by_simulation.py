@@ -12,13 +12,13 @@ import numpy as np
 
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
-from pipeline.equilibrium.contact import Contact, interpolation, shares
-from pipeline.equilibrium.rest import Liquids, Rest, at_rest
-from pipeline.equilibrium.star_cavity import cavity_of
+from pipeline.equilibrium.contact import Contact, shares
+from pipeline.equilibrium.rest import Rest
 from pipeline.measures.coverage import WallContact
 from pipeline.scenes.model import Eye, Scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
+from pipeline.study_kit.resting_eye import depth_in_oil, rest_of
 from pipeline.study_kit.tank import advance, time_rows
 from sim.effects.gravity import POSTURES
 from sim.parameters import parameter
@@ -64,7 +64,9 @@ def changed(case: Parameters, scene: Scene) -> Scene:
 def run(case: Parameters, scene: Scene) -> Outcome:
     """Simulate, and set what is covered beside the shape of least energy."""
     scene = changed(case, scene)
-    exact, exact_s = _by_energy(case, scene)
+    begin = time.perf_counter()
+    exact = rest_of(scene, case.posture, case.fill)
+    exact_s = time.perf_counter() - begin
     initial = voxelize(scene, cavity_mesh(scene.eye)[0])[0]
     solver = build_solver(scene, initial)
     oil = [liquid.name for liquid in scene.liquids].index(OIL)
@@ -80,19 +82,6 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     found = np.array(covered)
     return _outcome(case, exact, exact_s, _reading(scene, initial, exact), np.array(times), found, seconds, failure,
                     len(initial["fluid_position"]))
-
-
-def _by_energy(case: Parameters, scene: Scene) -> tuple[Rest, float]:
-    """The shape with the least energy of those that are found from a full eye and from a level start."""
-    begin = time.perf_counter()
-    density = {liquid.name: liquid.density for liquid in scene.liquids}
-    tension, gravity = scene.effects["interface_tension"], scene.effects["gravity"]
-    liquids = Liquids(density[AQUEOUS] - density[OIL], tension.coefficient, tension.contact_angle, gravity.magnitude)
-    cavity, down = cavity_of(case.eye), np.array(POSTURES[case.posture])
-    first = at_rest(cavity, liquids, down, case.fill)
-    above = at_rest(cavity, liquids, down, min(0.5 * (1.0 + case.fill), 0.98))
-    second = at_rest(cavity, liquids, down, case.fill, above.distance)
-    return min((first, second), key=lambda rest: rest.energy if rest.settled else np.inf), time.perf_counter() - begin
 
 
 def _read(scene: Scene, initial: dict[str, np.ndarray], solver, oil: int) -> list[float]:
@@ -113,12 +102,8 @@ def _shares(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray,
 
 def _reading(scene: Scene, initial: dict[str, np.ndarray], exact: Rest) -> list[float]:
     """What the project's rule reads of the sharp shape on the particles at the start."""
-    arm = initial["fluid_position"] - exact.cavity.viewpoint
-    distance = np.linalg.norm(arm, axis=1)
-    seen = dataclasses.replace(exact.cavity, viewpoint=np.zeros(3))     # rays from the viewpoint
-    corners, weights = interpolation(seen, arm / np.maximum(distance, 1e-9)[:, None])
-    surface = (exact.distance[corners] * weights).sum(axis=1)
-    return _shares(scene, initial, initial["fluid_position"], (distance < surface).astype(float))
+    position = initial["fluid_position"]
+    return _shares(scene, initial, position, (depth_in_oil(exact, position) > 0.0).astype(float))
 
 
 def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float], times: np.ndarray,
@@ -140,7 +125,5 @@ def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float]
             Row(f"covered {name}, change from the third to the last quarter", last[n] - before[n], "%", at)]
     outcome.rows += [Row("particles", float(particles), at=at), Row("seconds for the sharp shape", exact_s, "s", at),
                      *time_rows((float(seconds[0]), float(seconds[1])), at=at)]
-    if not exact.settled:
-        outcome.remarks.append(f"{at}: no sharp shape was found.")
     outcome.curves.append(Curve("rest_by_simulation", at, times, found[:, 0] - 100.0 * sharp["retina"], "line"))
     return outcome

@@ -21,7 +21,6 @@ GRAVITY = 9.81
 HEAD_UP = "head_up_45"                      # the patient leans back by half a right angle
 POSTURES = ("upright", HEAD_UP, "supine", "prone", "left_side", "right_side")
 MAP_SIZE = 168                              # pixels
-SHELLS = 40                                 # of the aqueous, along a ray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,14 +62,28 @@ def shares_of(contact: Contact, masks: dict[str, np.ndarray]) -> np.ndarray:
     return np.array([contact.share(mask) for mask in masks.values()])
 
 
-def course_of(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, down: np.ndarray,
-              fills: Sequence[float]) -> Course:
+def course_of(cavities: Sequence[StarCavity], liquids: Liquids, down: np.ndarray, fills: Sequence[float], *,
+              right_eye: bool = True) -> Course:
     """Return the shapes going up, as when the eye is filled, and down.
 
     Parameters
     ----------
-    masks : of ``parts_of``. down : (3,) direction of gravity. fills : rising.
+    down : (3,) direction of gravity. fills : rising.
+    cavities : of the eye; another one is tried where the oil is not seen from the point within the one before.
     """
+    course = _course_in(cavities[0], liquids, down, fills, right_eye)
+    missing = [n for n, rest in enumerate(course.best) if not rest.settled]
+    if missing and cavities[1:]:
+        other = course_of(cavities[1:], liquids, down, [fills[n] for n in missing], right_eye=right_eye)
+        course.shares[:, missing], course.least[missing] = other.shares, other.least
+        for n, rest in zip(missing, other.best, strict=True):
+            course.best[n] = rest
+    return course
+
+
+def _course_in(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fills: Sequence[float],
+               right_eye: bool) -> Course:
+    masks = parts_of(cavity, right_eye=right_eye)
     rests: list[list[Rest]] = []
     for order in (fills, fills[::-1]):
         one: list[Rest] = []
@@ -85,17 +98,19 @@ def course_of(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids
     return Course([rests[which][n] for n, which in enumerate(chosen)], shares, shares[chosen, np.arange(len(fills))])
 
 
-def change_with_directions(finer: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, down: np.ndarray,
-                           course: Course, chosen: Iterable[int]) -> np.ndarray:
+def change_with_directions(finer: StarCavity, liquids: Liquids, down: np.ndarray, course: Course,
+                           chosen: Iterable[int], *, right_eye: bool = True) -> np.ndarray:
     """Return the largest change of the shares with four times as many directions, (parts,).
 
     Parameters
     ----------
-    finer : the same eye with ``DRAFT + 1`` cuts, and its masks.
+    finer : the same eye with ``DRAFT + 1`` cuts.
     chosen : fills of the course that are tried.
     """
-    changes = [np.zeros(len(masks))]
+    masks, changes = parts_of(finer, right_eye=right_eye), [np.zeros(len(PARTS))]
     for n in chosen:
+        if (course.best[n].cavity.viewpoint != finer.viewpoint).any():
+            continue
         fine = at_rest(finer, liquids, down, course.best[n].fill, refined_start(course.best[n], finer, DRAFT + 1))
         if fine.settled:
             changes.append(np.abs(shares_of(Contact.of(fine), masks) - course.least[n]))
@@ -110,15 +125,7 @@ def nearest(fills: Iterable[float], wanted: Iterable[float]) -> list[int]:
 
 def in_front(rest: Rest) -> float:
     """Return the share of the aqueous that is before the equator."""
-    if not rest.settled:
-        return np.nan
-    cavity = rest.cavity
-    angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
-    gap = (cavity.radius - rest.distance)[:, None]
-    distance = rest.distance[:, None] + gap * (np.arange(SHELLS) + 0.5) / SHELLS
-    volume = angle[:, None] * distance**2 * gap
-    front = cavity.viewpoint[2] + distance * cavity.direction[:, 2:] > 0.0
-    return float((volume * front).sum() / volume.sum())
+    return rest.other.share(rest.other.position[:, 2] > 0.0) if rest.settled else np.nan
 
 
 def fundus_maps(cavity: StarCavity, courses: Sequence[Course], chosen: Iterable[int], *,
@@ -127,7 +134,7 @@ def fundus_maps(cavity: StarCavity, courses: Sequence[Course], chosen: Iterable[
     side = OVERSAMPLING * MAP_SIZE
     chart, images = FundusMap(cavity.wall, (side, side), captions=False, right_eye=right_eye), []
     for n in chosen:
-        margins = np.array([Contact.of(course.best[n]).margin for course in courses])
+        margins = np.array([Contact.of(course.best[n]).margin for course in courses if course.best[n].cavity is cavity])
         wall = pyvista.PolyData(cavity.wall)
         wall.point_data["contact_distance"] = margins[0]
         wall.point_data["oil_fraction_covered"] = np.ones(len(cavity.wall))

@@ -1,5 +1,4 @@
 """The page of the study of eyes: one answer, one picture, one table, and what it rests on."""
-import csv
 import dataclasses
 import io
 import itertools
@@ -11,17 +10,18 @@ from PIL import Image, ImageDraw
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.files import replacing
-from pipeline.equilibrium.contact import interpolation
+from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
 from pipeline.pictures.paint import BARE, COVERED
-from pipeline.study_kit.filled_eye_page import AQUEOUS, METHOD, NO_ADVICE, SHOWN, SHOWN_PARTS, Share, as_png_file
+from pipeline.study_kit.filled_eye_page import AQUEOUS, SHOWN, SHOWN_PARTS, Share, as_png_file
 from pipeline.study_kit.model import Outcome, Row
+from pipeline.study_kit.question_page import QuestionPage, joined_tables, link_to, write_csv, write_picture
 
 GROUPS = {"length": "length", "lens": "lens", "wall": "buckle and staphyloma", "mesh": "a mesh from elsewhere"}
 SHARES = ("eye", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
-VOLUME, ROW, PICTURE = "volume of the cavity", "eye_row", "eye_maps"
+PICTURES, TABLES = ("eye_maps",), ("shares",)
+VOLUME, ROW = "volume of the cavity", "eye_row"
 OTHER_PARTS = ("retina", "inferior", "macula")      # of other postures
 SIZE, GAP, SIDE, HEAD = 168, 6, 150, 34     # pixels: of a picture, between them, of the names, of the heads
 RAYS = 360                                  # of a section
@@ -71,52 +71,43 @@ class Eyes:
         return [name for name, one in self.groups.items() if one == group]
 
 
-def write_patient_eyes(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
+def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write ``shares.csv`` and ``eye_maps.png`` into a folder, and return the parts of the page."""
-    with replacing(target / "shares.csv") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(
-            [SHARES, *(line for outcome in outcomes for line in outcome.tables["shares"][1:])])
+    write_csv(target / "shares.csv", *joined_tables(outcomes, "shares"))
     eyes = Eyes.of(outcomes)
     if any(ROW not in outcome.pictures for outcome in outcomes):
         raise UserError("a case of the study has no picture; run it again")
     rows = [Image.open(io.BytesIO(outcome.pictures[ROW])).convert("RGB") for outcome in outcomes]
     picture = as_png_file(all_eyes(list(eyes.groups), rows, eyes.postures))
-    with replacing(target / f"{PICTURE}.png") as partial:
-        partial.write_bytes(picture)
-    return _parts(description, eyes, outcomes, picture)
-
-
-def _parts(description: str, eyes: Eyes, outcomes: Sequence[Outcome], picture: bytes) -> list[str]:
+    write_picture(target / f"{PICTURES[0]}.png", picture)
     first = eyes.postures[0]
-    heads = ("", "mL", *SHOWN_PARTS.values())
-    table = [(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
-             for name in eyes.groups]
     others = [(name, *(str(eyes.at(name, posture, part)) for posture in eyes.postures[1:] for part in OTHER_PARTS))
               for name in eyes.groups]
-    head = ("", *(f"{_words(posture)}: {part}" for posture in eyes.postures[1:] for part in OTHER_PARTS))
-    return [
-        page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
-        page.paragraph(page.bold(headline(eyes))),
-        page.paragraph(description, "The rest is aqueous. Shares are of the area of the retina, in percent."),
-        page.picture(picture, "Sections of the eyes and maps of the fundus, posture by posture"),
-        page.paragraph(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front "
-                       "on the left; then maps of the fundus as an observer sees it who faces the patient: macula in "
-                       "the middle, then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where the "
-                       "contact angles do not agree."),
-        *(page.paragraph(sentence) for sentence in findings(eyes)),
-        page.section(f"What a fill of {eyes.shown:g} % touches, patient {first}"),
-        page.table(heads, table, marked=[number for number, name in enumerate(eyes.groups)
-                                         if eyes.groups[name] in ("wall", "mesh")]),
-        page.paragraph("Volume of the cavity, then percent of each part: inferior half, macula, temporal and nasal "
-                       "quadrants (ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with "
-                       "other contact angles, with the second shape that may be at rest, and by the error of the "
-                       "computation. Other fills are in", page.link("shares.csv", "shares.csv")),
-        page.details("The same eyes in other postures", page.table(head, others)),
-        page.section("What was assumed"),
-        page.bullets(_assumed(eyes, outcomes)),
-        page.section("What was validated, and what was not"),
-        page.bullets(validated(outcomes)),
-    ]
+    heads = ("", *(f"{_words(posture)}: {part}" for posture in eyes.postures[1:] for part in OTHER_PARTS))
+    return QuestionPage(
+        headline=headline(eyes),
+        description=f"{description} The rest is aqueous. Shares are of the area of the retina, in percent.",
+        picture=picture,
+        picture_words="Sections of the eyes and maps of the fundus, posture by posture",
+        caption=(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front on the "
+                 "left; then maps of the fundus as an observer sees it who faces the patient: macula in the middle, "
+                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where the contact angles do not "
+                 "agree.", *findings(eyes)),
+        title=f"What a fill of {eyes.shown:g} % touches, patient {first}",
+        heads=("", "mL", *SHOWN_PARTS.values()),
+        rows=[(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
+              for name in eyes.groups],
+        marked=[number for number, name in enumerate(eyes.groups) if eyes.groups[name] in ("wall", "mesh")],
+        note=("Volume of the cavity, then percent of each part: inferior half, macula, temporal and nasal quadrants "
+              "(ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with other contact angles, with "
+              "the second shape that may be at rest, and by the error of the computation. Other fills are in",
+              page.link("shares.csv", "shares.csv")),
+        more=[page.details("The same eyes in other postures", page.table(heads, others))],
+        assumed=_assumed(eyes, outcomes),
+        validated=validated(outcomes),
+        not_validated="against patients, or against an experiment in a real eye. A buckle, a staphyloma and a filled "
+                      "anterior chamber were compared with nothing but the simulations named there.",
+    ).parts()
 
 
 def headline(eyes: Eyes) -> str:
@@ -179,25 +170,23 @@ def validated(outcomes: Sequence[Outcome]) -> list[str]:
         f"Four times as many directions change a covered share by at most {max(changes):.1f} points; the range holds "
         "that, for each eye, posture and part.",
         page.joined("The method was compared with exact shapes in spheres, with Surface Evolver in the average eye, "
-                    "and with simulations:", page.link("docs/methods/equilibrium.md", METHOD)),
-        page.joined(page.bold("Not validated:"), "against patients, or against an experiment in a real eye. Buckle, "
-                    "staphyloma and anterior chamber were compared with nothing but the simulations named there.")]
+                    "and with simulations:", link_to("methods/equilibrium.md"))]
 
 
 def section_of_eye(rest: Rest) -> Image.Image:
     """Return the section of an eye and its oil in the plane x = 0 of the viewpoint, front on the left."""
     angle = 2.0 * np.pi * np.arange(RAYS) / RAYS
     ray = np.stack([np.zeros(RAYS), np.sin(angle), np.cos(angle)], axis=-1)
-    seen = dataclasses.replace(rest.cavity, viewpoint=np.zeros(3))
-    corners, weights = interpolation(seen, ray)
+    cavity = rest.cavity
+    corners, weights = interpolation(cavity.wall - cavity.viewpoint, cavity.faces, ray)
     side = OVERSAMPLING * SIZE
     image = Image.new("RGB", (side, side), "white")
     pen = ImageDraw.Draw(image)
-    wall = (seen.radius[corners] * weights).sum(axis=1)
+    wall = (cavity.radius[corners] * weights).sum(axis=1)
     scale = 0.5 * side / SECTION_REACH
     for distance, color, width in ((wall, tuple(BARE), 0), ((rest.distance[corners] * weights).sum(axis=1),
                                                             tuple(COVERED), 0), (wall, None, 2 * OVERSAMPLING)):
-        point = rest.cavity.viewpoint + distance[:, None] * ray
+        point = cavity.viewpoint + distance[:, None] * ray
         pixels = [(0.5 * side - scale * z, 0.5 * side - scale * y) for _, y, z in point]
         if color is None:
             pen.line([*pixels, pixels[0]], fill=INK, width=width)

@@ -36,16 +36,23 @@ PARTS = ("wall", "retina", "superior", "inferior", "macula")
 TOLERANCE = 3.0                 # points of a covered share
 WALL, FREE = 4, 1               # colors of the triangles of Evolver
 CUTS = 3                        # of the icosahedron that the start is made of
-# Coarse, then twice as fine; what is last is without averaging, so that nothing but the energy moves the contact line.
+FRONT, EDGE = 3.0, 0.5          # mm: before this height the wall is cut until its edges are so short
+# Coarse, then twice as fine, then finer still at the front edges: with edges of 0.8 mm there they hold too little
+# aqueous. What is last is without averaging, so that nothing but the energy moves the contact line.
 COMMANDS = """
 autopop off
-mend := { u; V; u; V; }
-evolve := { g 10; mend; g 10; mend; g 10; }
-evolve 10
+mend := {{ u; V; u; V; }}
+evolve := {{ g 8; mend; g 8; }}
+quiet
+evolve 5
 r
-evolve 10
+evolve 4
+front := {{ refine edges ee where ee.length > {edge} and {front} > {height} and on_constraint 1; u; V; g 5; u; V; g 5; }}
+front
+front
+evolve 3
 U
-g 300
+g 250
 U
 """
 
@@ -121,7 +128,7 @@ def by_evolver(case: Case, folder: Path | None = None) -> dict[str, float]:
         place.mkdir(parents=True, exist_ok=True)
         turn = turned(case.down)
         (place / "oil.fe").write_text(datafile(case, turn))
-        (place / "oil.cmd").write_text(COMMANDS + PRINT.format(file=place / "oil.txt", wall=WALL) + "q\nq\n")
+        (place / "oil.cmd").write_text(commands(turn) + PRINT.format(file=place / "oil.txt", wall=WALL) + "q\nq\n")
         (place / "oil.txt").unlink(missing_ok=True)
         command = [PROGRAM, "-x", "-f", str(place / "oil.cmd"), str(place / "oil.fe")]
         done = subprocess.run(command, cwd=place, text=True, capture_output=True, stdin=subprocess.DEVNULL, check=False)
@@ -130,6 +137,12 @@ def by_evolver(case: Case, folder: Path | None = None) -> dict[str, float]:
             raise SystemExit(f"{PROGRAM} ended with {done.returncode}: {(done.stdout + done.stderr)[-500:]}")
         corners = 1e-3 * np.loadtxt(place / "oil.txt").reshape(-1, 3, 3) @ turn
     return covered(case, corners)
+
+
+def commands(turn: np.ndarray) -> str:
+    """Return what Evolver does."""
+    front = " + ".join(f"({turn[row, 2]:.9g})*ee.vertex[1].{name}" for row, name in enumerate("xyz") if turn[row, 2])
+    return COMMANDS.format(edge=EDGE, front=front, height=FRONT)
 
 
 def turned(down) -> np.ndarray:
