@@ -91,18 +91,18 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         picture_words="Sections of the eyes and maps of the fundus, posture by posture",
         caption=(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front on the "
                  "left; then maps of the fundus as an observer sees it who faces the patient: macula in the middle, "
-                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where the contact angles do not "
-                 "agree.", *findings(eyes)),
+                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where the contact angles "
+                 "do not agree.",),
         title=f"What a fill of {eyes.shown:g} % touches, patient {first}",
         heads=("", "mL", *SHOWN_PARTS.values()),
         rows=[(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
               for name in eyes.groups],
         marked=[number for number, name in enumerate(eyes.groups) if eyes.groups[name] in ("wall", "mesh")],
         note=("Volume of the cavity, then percent of each part: inferior half, macula, temporal and nasal quadrants "
-              "(ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with other contact angles, with "
-              "the second shape that may be at rest, and by the error of the computation. Other fills are in",
+              "(ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with other contact angles, "
+              "with the second shape that may be at rest, and by the error of the computation. Other fills are in",
               page.link("shares.csv", "shares.csv")),
-        more=[page.details("The same eyes in other postures", page.table(heads, others))],
+        more=[page.bullets(findings(eyes)), page.details("The same eyes in other postures", page.table(heads, others))],
         assumed=_assumed(eyes, outcomes),
         validated=validated(outcomes),
         not_validated="against patients, or against an experiment in a real eye. A buckle, a staphyloma and a filled "

@@ -47,7 +47,8 @@ quiet
 evolve 5
 r
 evolve 4
-front := {{ refine edges ee where ee.length > {edge} and {front} > {height} and on_constraint 1; u; V; g 5; u; V; g 5; }}
+cut := {{ refine edges ee where ee.length > {edge} and {front} > {height} and on_constraint 1; }}
+front := {{ cut; u; V; g 5; u; V; g 5; }}
 front
 front
 evolve 3
