@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyvista
 
 
 def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
@@ -23,6 +22,7 @@ def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
     ------
     OSError : disk full, or the folder is not writable.
     """
+    import pyvista
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
     writers = {pyvista.PolyData: vtkXMLPolyDataWriter, pyvista.UnstructuredGrid: vtkXMLUnstructuredGridWriter,

@@ -1,18 +1,19 @@
 """The closed surface of the cavity, made or imported, and its file."""
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyvista
-import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.vtk_files import set_text, write_vtk
-from pipeline.cavity.mesh_import import import_mesh
 from pipeline.cavity.regions import MESH_REGIONS, REGIONS, regions_of
 from pipeline.scenes.eye_shape import EyeShape, eye_mesh, eye_shape, published_volume
 from pipeline.scenes.model import Container, Eye, Scene
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 def shape_of(eye: Eye) -> EyeShape:
@@ -21,7 +22,7 @@ def shape_of(eye: Eye) -> EyeShape:
                      vertical_diameter=eye.vertical_diameter)
 
 
-def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
+def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
     """Surface of the cavity in m, and what the report says about its origin.
 
     Raises
@@ -38,12 +39,17 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
         }
     if not eye.path:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
+    from pipeline.cavity.mesh_import import import_mesh
+
     imported = import_mesh(eye.path, eye.unit, eye.force)
     return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
 
 
 def write_container(container: Container, path: Path) -> dict:
     """Write the surface of a container in m, in two dimensions its outline, and return the report, in SI units."""
+    import pyvista
+    import trimesh
+
     size = np.array(container.size)
     if len(size) == 3:
         mesh = trimesh.creation.box(bounds=(np.zeros(3), size))
@@ -55,7 +61,7 @@ def write_container(container: Container, path: Path) -> dict:
     return {"model": "container", "size": size.tolist(), "area": float(size.prod()), "length": float(2 * size.sum())}
 
 
-def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
+def report_of(mesh: "trimesh.Trimesh", source: dict) -> dict:
     """Report of the stage: origin, size and quality of the surface, in SI units."""
     return source | {
         "volume": float(mesh.volume), "area": float(mesh.area), "triangles": len(mesh.faces),
@@ -63,12 +69,14 @@ def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
     }
 
 
-def write_mesh(mesh: trimesh.Trimesh, path: str | Path, eye: Eye | None = None) -> None:
+def write_mesh(mesh: "trimesh.Trimesh", path: str | Path, eye: Eye | None = None) -> None:
     """Write a surface in m as VTK polydata with double precision.
 
     That of an eye has a whole number per triangle, ``region``, and in the field data their names, ``regions``, of
     which the first is that of 0.
     """
+    import pyvista
+
     surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if eye is not None:
         parametric = eye.model == "parametric"
@@ -79,13 +87,16 @@ def write_mesh(mesh: trimesh.Trimesh, path: str | Path, eye: Eye | None = None) 
         write_vtk(surface, temporary)
 
 
-def read_mesh(path: str | Path) -> trimesh.Trimesh:
+def read_mesh(path: str | Path) -> "trimesh.Trimesh":
     """Read a surface that ``write_mesh`` wrote.
 
     Raises
     ------
     UserError : the file is missing or is no closed surface.
     """
+    import pyvista
+    import trimesh
+
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
@@ -94,8 +105,6 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     if not mesh.is_watertight:
         raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")
     return mesh
-
-
 
 
 def cavity_volume(scene: Scene) -> float:
@@ -107,6 +116,4 @@ def cavity_volume(scene: Scene) -> float:
     """
     if scene.container is not None:
         return math.prod(scene.container.size)
-    from pipeline.cavity.surface import cavity_mesh  # slow to import, and only an eye needs it
-
     return float(cavity_mesh(scene.eye)[0].volume)
