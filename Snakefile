@@ -1,6 +1,7 @@
 """From a scene file to frames, surfaces, pictures, a movie and a report.
 
     snakemake -j2 all                                       the scenes of config/config.yaml at its accuracy level
+    snakemake -j2 <scene>                                   one scene of config/scenes at that level
     snakemake -j2 outputs/<scene>/<level>/index.html        any scene of config/scenes at any level, on one page
     snakemake -j2 validation                                a study of config/studies: table, figures, page
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
@@ -20,7 +21,8 @@ sys.path.insert(0, workflow.basedir)
 os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
 
 from pipeline.workflow.digest import stage_digest
-from pipeline.workflow.scenes import Workflow
+from pipeline.workflow.interrupt import Interrupt
+from pipeline.workflow.scenes import Workflow, scene_names
 
 
 configfile: "config/config.yaml"
@@ -32,7 +34,8 @@ report: "docs/report/workflow.rst"
 # Snakemake tells OpenMP and the like how many threads a job has; this tells VTK and the drawing without a GPU.
 shell.prefix("set -euo pipefail; export VTK_SMP_MAX_THREADS=$OMP_NUM_THREADS LP_NUM_THREADS=$OMP_NUM_THREADS; ")
 
-flow = Workflow(config)
+flow = Workflow(config, elsewhere=workflow.resource_settings.max_threads is not None)
+interrupt = Interrupt(logger)
 SCENE = ancient("outputs/{scene}/{level}/scene.json")
 FRAMES = "outputs/{scene}/{level}/frames/segment_{segment}"
 IMAGES = "outputs/{scene}/{level}/images/segment_{segment}"
@@ -46,6 +49,11 @@ wildcard_constraints:
     level=flow.any_level,
     other=flow.any_level,
     segment=r"\d\d\d+",
+
+
+def cores():
+    """Return the cores that a job may have: --max-threads, which the profiles of clusters give, else all that are here."""
+    return workflow.resource_settings.max_threads or workflow.cores
 
 
 def all_segments(pattern):
@@ -62,18 +70,25 @@ onsuccess:
 
 
 onerror:
-    flow.repeat_errors()
+    if interrupt.happened:
+        print("stopped; the same command goes on from here", flush=True)
+    else:
+        flow.repeat_errors()
+        studies.tell_so_far()
+
+
+# On a cluster these are not worth a job.
+localrules:
+    scene,
+    index_frames,
+    effect_costs,
+    cost,
 
 
 rule all:
     input:
-        expand("outputs/{scene}/{level}/index.html", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/movie.mp4", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/metrics.csv", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/advice.html", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/effects.html", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/cost.html", scene=flow.names, level=flow.accuracy),
-        expand("outputs/{scene}/{level}/run.pvd", scene=flow.names, level=flow.accuracy),
+        flow.wanted(flow.names),
+        "outputs/software.html",
     message:
         "all done: {input}"
 
@@ -87,3 +102,17 @@ include: "rules/measures.smk"
 include: "rules/pages.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
+include: "rules/software.smk"
+
+
+# `snakemake <scene>` makes all of a scene, but of one that has the name of a rule or a study.
+for name in scene_names():
+    if not workflow.is_rule(name):
+
+        rule:
+            name:
+                name
+            input:
+                flow.wanted([name]),
+            message:
+                "all done: {input}"

@@ -54,7 +54,7 @@ def write_movie(images: Sequence[Path], output: Path, pace: Pace, corner: str = 
     width, height = size = read_picture(images[0]).size
     even = (width - width % 2, height - height % 2)     # yuv420p halves the color planes
     with replacing(output) as temporary, encoder(temporary, even, pace, output) as send, \
-            progress(len(images), "movie") as bar:
+            progress(len(images), str(output)) as bar:
         for path in images:
             picture = read_picture(path)
             if picture.size != size:

@@ -139,7 +139,8 @@ def main(arguments: list[str] | None = None) -> None:
     wall = None
     if options.eye and scene.eye is not None and scene.dimension == 3:
         wall = Wall(scene, initial, read_surface(options.eye))
-    with replacing_folder(options.output) as folder, progress(len(paths), "reconstruct") as bar:
+    label = f"{scene.name}: reconstruct {options.frames.name}"
+    with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
         for path in paths:
             write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats, wall)
             bar.update()

@@ -10,14 +10,13 @@ import time
 from pathlib import Path
 
 from pipeline.base.cli import run
+from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import Case, load_study, study_names
-from pipeline.study_report import write_study
-
-OUTPUTS = Path("outputs/studies")
+from pipeline.study_report import OUTPUTS, write_study
 
 
 def precision_of(case: Case) -> str:
@@ -28,16 +27,24 @@ def precision_of(case: Case) -> str:
 def run_case(case: Case, threads: int = 0, device: str = "cpu") -> Outcome:
     """Run one case and return what it measured, every row with the seconds it took.
 
+    A case that its own parameters make impossible has a failure as its outcome: it would fail again, and is no reason
+    to keep the others from their table. What the computer does (memory, disk) is raised.
+
     Parameters
     ----------
     threads : of the solver, 0 for as many as are useful.
     device : of the solver.
     """
+    from sim.errors import RunError
     from sim.runtime import initialize
 
     initialize(precision_of(case), threads, device)
     begin = time.perf_counter()
-    outcome = case.run()
+    try:
+        outcome = case.run()
+    except (UserError, RunError, OverflowError) as error:
+        outcome = Outcome.failed(case.name, " ".join(str(error).split()))
+        print(f"error: {outcome.failure}", file=sys.stderr)
     outcome.case = case.name
     print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
     return outcome
@@ -76,7 +83,7 @@ def main() -> None:
     folder = arguments.output or folder
     for case, device in zip(cases, devices, strict=True):
         _run_into(case, folder / "cases" / case.name, threads, device)
-    write_study(study, [folder / "cases" / name for name in study.cases], folder)
+    write_study(study, [Outcome.read(folder / "cases" / name) for name in study.cases], folder)
 
 
 def _run_into(case: Case, folder: Path, threads: int, device: str) -> None:

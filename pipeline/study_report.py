@@ -1,6 +1,12 @@
-"""Stage: the outcomes of a study's cases become its table, its figures and its page of the report."""
+"""Stage: the outcomes of a study's cases become its table, its figures and its page of the report.
+
+    python -m pipeline.study_report <study> --so-far    while cases are running, or after some have failed
+
+A case without a result is a row that does not hold, and a sentence that says why.
+"""
 import argparse
 import csv
+import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -8,37 +14,71 @@ from pathlib import Path
 from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import replacing, write_text
-from pipeline.study_kit.model import COLUMNS, Curve, Figure, Outcome
-from pipeline.study_kit.plan import Study, load_study
+from pipeline.base.words import no_formula
+from pipeline.study_kit.model import COLUMNS, OUTCOME, Curve, Figure, Outcome
+from pipeline.study_kit.plan import Case, Study, load_study
 
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
 VERDICTS = {"true": "✓", "false": "✗", "": ""}
+OUTPUTS = Path("outputs/studies")
+SO_FAR = "so_far"  # folder in that of a study
+MOST_LABELS = 40  # of curves in a figure: the names of more cannot be read
+MOST_LINES = 20  # of rows that do not hold in the summary; all of them are in the table
 
 
-def write_study(study: Study, folders: Sequence[Path], target: Path) -> None:
-    """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary."""
-    outcomes = [Outcome.read(folder) for folder in folders]
+def outcomes_so_far(study: Study, folder: Path) -> list[Outcome]:
+    """Return the outcomes of all cases in the folder of a study; those that are missing say why."""
+    return [Outcome.read(folder / "cases" / name) if (folder / "cases" / name / OUTCOME).is_file() else
+            Outcome.failed(name, _why_missing(case, folder / "logs" / f"{name}.log"))
+            for name, case in study.cases.items()]
+
+
+def _why_missing(case: Case, log: Path) -> str:
+    """What the log of a case, or those of the scenes that it reads, end with."""
+    if log.is_file():
+        return _last_error(log) or "it has not ended"
+    errors = (_last_error(path) for scene in case.folders().values() for path in sorted(scene.glob("logs/*.log")))
+    return next(filter(None, errors), "it has not been run")
+
+
+def _last_error(log: Path) -> str:
+    """The sentence with which a stage has ended, or the last line of a traceback; empty in other logs."""
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
+    if not errors and any(line.startswith("Traceback ") for line in lines):
+        errors = [lines[-1]]
+    return errors[-1] if errors else ""
+
+
+def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None:
+    """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary.
+
+    Parameters
+    ----------
+    outcomes : one of every case, in the order of the study.
+    """
+    failed = [outcome for outcome in outcomes if outcome.failure]
+    found = [outcome for outcome in outcomes if not outcome.failure]
     if study.report == "tradeoff":
         from pipeline.study_kit.tradeoff import unasked, write_tradeoff  # the solver takes a second to import
 
-        outcomes = write_tradeoff(study, outcomes, target) + [unasked(outcome) for outcome in outcomes]
+        with_result = dataclasses.replace(study, cases={one.case: study.case(one.case) for one in found})
+        found = write_tradeoff(with_result, found, target) + [unasked(outcome) for outcome in found]
+    outcomes = [*found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
     _write_csv(target / "table.csv", rows)
     for figure in study.figures():
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
     made = [outcome.pictures for outcome in outcomes]
-    made += [family.pictures(outcomes) for family in study.families() if hasattr(family, "pictures")]
+    made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
     for pictures in made:
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    parts = []
-    if study.report == "filled_eye":
-        from pipeline.study_kit.filled_eye_page import write_filled_eye
-
-        parts = write_filled_eye(study.description, outcomes, target)
+    # The words of a page that answers a question are about all cases.
+    parts = study.page.write_page(study.description, found, target) if study.page and not failed else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
@@ -49,7 +89,9 @@ def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
     missed = [row for row in asked if row["holds"] == "false"]
     lines = [f"{name}: {len(asked) - len(missed)} of {len(asked)} rows hold" + (", these do not:" if missed else "")]
     lines += [f"  {row['case']}: {row['quantity']} is {row['value']} {row['unit']}, error {row['error'] or 'unknown'} "
-              f"above {row['tolerance']}" for row in missed]
+              f"above {row['tolerance']}" for row in missed[:MOST_LINES]]
+    if len(missed) > MOST_LINES:
+        lines.append(f"  and {len(missed) - MOST_LINES} more, see its table")
     return "\n".join(lines)
 
 
@@ -75,18 +117,18 @@ def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
             continue
         color, marker = next(looks)
         if curve.style == "line":
-            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=curve.label)
+            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=no_formula(curve.label))
         else:
             joined = "-" if figure.logarithmic else ""
-            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=curve.label)
+            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=no_formula(curve.label))
     for curve, dashes in zip(references.values(), itertools.cycle(("-", "--", ":", "-."))):
-        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=curve.label, zorder=5)
+        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=no_formula(curve.label), zorder=5)
     if figure.logarithmic:
         axes.set(xscale="log", yscale="log")
     axes.set(xlabel=figure.x, ylabel=figure.y)
     axes.set_title(figure.title, loc="left", fontsize=12)
     axes.grid(alpha=0.3, which="both" if figure.logarithmic else "major")
-    if curves:
+    if curves and len(axes.get_lines()) <= MOST_LABELS:
         canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
     with replacing(path) as partial:
         canvas.savefig(partial, dpi=130)
@@ -115,14 +157,22 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
 
 
 def main() -> None:
-    """Command line: ``python -m pipeline.study_report <study> CASE_DIR... --output DIR``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.study_report", description=__doc__)
+    """Command line: ``python -m pipeline.study_report <study>``."""
+    p = argparse.ArgumentParser(prog="python -m pipeline.study_report", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("study", help="name of the study")
-    p.add_argument("cases", type=Path, nargs="+", metavar="CASE_DIR", help="outcomes of its cases")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
-    p.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for table and figures")
+    p.add_argument("--folder", type=Path, metavar="DIR",
+                   help="of the study, in which its cases are (default outputs/studies/<study>/<level>)")
+    p.add_argument("--so-far", action="store_true",
+                   help=f"take the cases that have a result, and write into the folder {SO_FAR} beside them")
     arguments = p.parse_args()
-    write_study(load_study(arguments.study, arguments.accuracy), arguments.cases, arguments.output)
+    study = load_study(arguments.study, arguments.accuracy)
+    folder = arguments.folder or OUTPUTS / study.name / study.accuracy
+    if arguments.so_far:
+        write_study(study, outcomes_so_far(study, folder), folder / SO_FAR)
+    else:
+        write_study(study, [Outcome.read(folder / "cases" / name) for name in study.cases], folder)
 
 
 if __name__ == "__main__":

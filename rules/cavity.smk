@@ -20,7 +20,7 @@ rule scene:
 
 rule eye:
     input:
-        mesh=lambda w: flow.mesh(w.scene, w.level),
+        mesh=ancient(lambda w: flow.mesh(w.scene, w.level)),  # counts by its content
         scene=SCENE,
     output:
         mesh="outputs/{scene}/{level}/eye.vtp",
@@ -45,7 +45,10 @@ rule voxelize:
         report="outputs/{scene}/{level}/voxelize.json",
     log:
         "outputs/{scene}/{level}/logs/voxelize.log",
-    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
+    threads: lambda w: flow.threads(w.scene, w.level, cores())
+    resources:
+        mem_mb=flow.memory("voxelize"),
+        gpu=flow.gpu,
     params:
         depends=flow.depends("voxelize"),
     message:

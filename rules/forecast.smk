@@ -39,7 +39,10 @@ rule estimate:
     log:
         "outputs/{scene}/{level}/logs/estimate.log",
     priority: 20  # before the simulation, which finds its kernels compiled
-    threads: 1000  # as many as there are: nothing else runs while times are measured
+    threads: lambda w: cores()  # all: nothing else runs while times are measured
+    resources:
+        mem_mb=flow.memory("estimate"),
+        gpu=flow.gpu,
     params:
         depends=flow.depends("estimate"),
         start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
@@ -47,7 +50,7 @@ rule estimate:
     message:
         "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
     shell:
-        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {workflow.cores}"
+        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {threads}"
         " {params.start} {flow.device} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
 
 
@@ -72,4 +75,4 @@ rule cost:
         "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
     shell:
         "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
-        " --logs outputs/{wildcards.scene}/{wildcards.level}/logs --output {output} 2>&1 | tee {log}"
+        " --logs $(dirname {log}) --output {output} 2>&1 | tee {log}"

@@ -1,4 +1,4 @@
-"""Files that were asked for without their accuracy level."""
+"""Files that were asked for without their accuracy level, and words that mean nothing."""
 
 
 rule without_level:
@@ -9,3 +9,12 @@ rule without_level:
     wildcard_constraints:
         scene=r"(?!studies/)[A-Za-z0-9_-]+|studies/[A-Za-z0-9_]+",
         rest=rf"(?!({flow.any_level})/|compare_({flow.any_level})_({flow.any_level})\.(html|png|csv)$).+",
+
+
+rule unknown:
+    input:
+        lambda w: flow.unknown(w.word),
+    output:
+        "{word}",
+    wildcard_constraints:
+        word=r"[A-Za-z0-9_-]+",

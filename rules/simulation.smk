@@ -13,7 +13,10 @@ rule simulate:
     log:
         "outputs/{scene}/{level}/logs/simulate_{segment}.log",
     priority: 10  # everything waits for the simulation
-    threads: lambda w: flow.threads(w.scene, w.level, workflow.cores)
+    threads: lambda w: flow.threads(w.scene, w.level, cores())
+    resources:
+        mem_mb=flow.memory("simulate"),
+        gpu=flow.gpu,
     params:
         depends=flow.depends("simulate"),
         restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",

@@ -18,7 +18,10 @@ rule study_case:
     wildcard_constraints:
         study=r"[A-Za-z0-9_]+",
         case=r"[A-Za-z0-9_.-]+",
-    threads: lambda w: studies.threads(w.study, w.level, w.case, workflow.cores)
+    threads: lambda w: studies.threads(w.study, w.level, w.case, cores())
+    resources:
+        mem_mb=studies.memory,
+        gpu=flow.gpus("auto"),
     params:
         depends=lambda w: studies.depends(w.study, w.level, w.case),
     message:
@@ -73,8 +76,8 @@ for name in studies.names:
         message:
             "{params.study} at {wildcards.level}: gather the cases"
         shell:
-            "python -m pipeline.study_report {params.study} {input} --accuracy {wildcards.level}"
-            " --output outputs/studies/{params.study}/{wildcards.level} 2>&1 | tee {log}"
+            "python -m pipeline.study_report {params.study} --accuracy {wildcards.level}"
+            " --folder $(dirname {output.table}) 2>&1 | tee {log}"
 
     rule:
         name:

@@ -11,6 +11,9 @@ rule reconstruct:
         directory("outputs/{scene}/{level}/surfaces/segment_{segment}"),
     log:
         "outputs/{scene}/{level}/logs/reconstruct_{segment}.log",
+    resources:
+        mem_mb=flow.memory("reconstruct"),
+        gpu=flow.gpu,
     params:
         depends=flow.depends("reconstruct"),
     message:

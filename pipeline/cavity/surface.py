@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.vtk_files import set_text, write_vtk
+from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
 from pipeline.cavity.regions import MESH_REGIONS, REGIONS, regions_of
 from pipeline.scenes.eye_shape import EyeShape, eye_mesh, eye_shape, published_volume
 from pipeline.scenes.model import Container, Eye, Scene
@@ -42,7 +42,8 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
     from pipeline.cavity.mesh_import import import_mesh
 
     imported = import_mesh(eye.path, eye.unit, eye.force)
-    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
+    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
+                           "warnings": list(imported.warnings)}
 
 
 def write_container(container: Container, path: Path) -> dict:
@@ -94,13 +95,12 @@ def read_mesh(path: str | Path) -> "trimesh.Trimesh":
     ------
     UserError : the file is missing or is no closed surface.
     """
-    import pyvista
     import trimesh
 
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
-    surface = pyvista.read(path)
+    surface = read_vtk(path)
     mesh = trimesh.Trimesh(surface.points, surface.regular_faces, process=False)
     if not mesh.is_watertight:
         raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")

@@ -15,6 +15,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 
 COLUMNS = ("case", "quantity", "value", "unit", "reference", "error", "tolerance", "holds", "wall_s")
+FAILED = "no result"  # quantity of the one row of a case that has failed; the remarks say why
 OUTCOME = "outcome.json"  # in the folder of a case, beside its pictures
 
 
@@ -109,6 +110,7 @@ class Outcome:
     remarks : sentences for the page of the study.
     pictures : name -> PNG as bytes.
     tables : name -> lines of cells, the heads first.
+    failure : why the case has no result, in words; empty where it has one.
     """
 
     rows: list[Row] = dataclasses.field(default_factory=list)
@@ -117,12 +119,20 @@ class Outcome:
     pictures: dict[str, bytes] = dataclasses.field(default_factory=dict)
     case: str = ""
     tables: dict[str, list[list[str]]] = dataclasses.field(default_factory=dict)
+    failure: str = ""
+
+    @classmethod
+    def failed(cls, case: str, why: str) -> "Outcome":
+        """Return the outcome of a case that has no result: a row that does not hold, and a remark that says why."""
+        return cls([Row(FAILED, math.nan, tolerance=0.0)], remarks=[f"{case} has no result: {why}"], case=case,
+                   failure=why)
 
     def write(self, folder: Path) -> None:
         """Write the outcome into an existing folder."""
         data = {"case": self.case, "rows": [dataclasses.asdict(row) for row in self.rows],
                 "curves": [dataclasses.asdict(curve) | {"x": _plain(curve.x), "y": _plain(curve.y)}
-                           for curve in self.curves], "remarks": self.remarks, "tables": self.tables}
+                           for curve in self.curves], "remarks": self.remarks, "tables": self.tables,
+                "failure": self.failure}
         for name, content in self.pictures.items():
             (folder / f"{name}.png").write_bytes(content)
         write_text(folder / OUTCOME, json.dumps(data, indent=1) + "\n")
@@ -143,7 +153,7 @@ class Outcome:
             data = json.loads(path.read_text(encoding="utf-8"))
             return cls([Row(**row) for row in data["rows"]], [Curve(**curve) for curve in data["curves"]],
                        data["remarks"], {file.stem: file.read_bytes() for file in sorted(folder.glob("*.png"))},
-                       data["case"], data["tables"])
+                       data["case"], data["tables"], data["failure"])
         except (json.JSONDecodeError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no outcome of a case ({error}); run the case again") from error
 

@@ -1,13 +1,10 @@
 """What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
-import fcntl
 import functools
 import hashlib
-import os
 import re
 import sys
 import tempfile
-import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,13 +18,18 @@ from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, solver_threads
 from pipeline.study_kit.plan import study_names
+from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
+from pipeline.workflow.memory import memory_of_stage
+from pipeline.workflow.mending import changes, end_future, hold, set_aside_damaged
+from sim.cores import USEFUL_THREADS
 
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
 DEVICE = "--config device"
+WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd")
 
 
 def stop(*messages: str) -> NoReturn:
@@ -58,12 +60,23 @@ def _read(load, *arguments):
         stop(describe(error))
 
 
+def scene_names() -> list[str]:
+    """Return the names of all scenes."""
+    return sorted(path.stem for path in SCENES.glob("*.yaml"))
+
+
+def sha256(content: bytes) -> str:
+    """Return the digest of the content of files, 16 hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 class Workflow:
     """The scenes of one call of Snakemake.
 
     Parameters
     ----------
     config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
+    elsewhere : jobs may run on other computers, whose cores and devices this one does not know: they ask themselves.
 
     Attributes
     ----------
@@ -73,7 +86,7 @@ class Workflow:
     device : option of every stage that starts the solver, empty where the scenes decide.
     """
 
-    def __init__(self, config: Mapping[str, Any]):
+    def __init__(self, config: Mapping[str, Any], elsewhere: bool = False):
         for key in config:
             if key not in KEYS:
                 stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")
@@ -81,6 +94,7 @@ class Workflow:
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             stop(f"--config scenes is {names!r}, but must be a list of names such as '[tamponade]'")
         probe(Path(".snakemake"))  # Snakemake's own notes: without them it ends with a traceback
+        restore_dates()
         self.names = list(dict.fromkeys(names))
         self.levels = tuple(_read(load_accuracy_levels, LEVELS))
         self.accuracy = config.get("accuracy")
@@ -88,7 +102,8 @@ class Workflow:
             stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
                  f"{nearest(self.accuracy, self.levels)}")
         self._device = config.get("device")
-        if self._device is not None:
+        self.elsewhere = elsewhere
+        if self._device is not None and not elsewhere:
             _read(checked_device, self._device, DEVICE)
         self.device = "" if self._device is None else f"--device {self._device}"
         self._scenes: dict[tuple[str, str], Scene] = {}
@@ -103,13 +118,33 @@ class Workflow:
         if (name, level) not in self._scenes:
             path = SCENES / f"{name}.yaml"
             scene = self._scenes[name, level] = _read(load_scene, path, level)
-            _read(chosen_threads, None, scene, path)
-            _read(chosen_device, self._device, scene, path, DEVICE)
+            if not self.elsewhere:
+                _read(chosen_threads, None, scene, path)
+                _read(chosen_device, self._device, scene, path, DEVICE)
         return self._scenes[name, level]
 
     def threads(self, name: str, level: str, cores: int) -> int:
-        """Return how many threads the solver of a scene gets where Snakemake has a number of cores."""
-        return solver_threads(self.scene(name, level), cores)
+        """Return how many threads the solver of a scene gets where Snakemake has a number of cores.
+
+        Elsewhere that is the number that one job may have.
+        """
+        scene = self.scene(name, level)
+        if self.elsewhere:
+            return min(scene.numerics.threads or USEFUL_THREADS, cores)
+        return solver_threads(scene, cores)
+
+    def memory(self, stage: str):
+        """Return a resource: the memory, MB, that a job of a stage needs; a job that is tried again gets more."""
+        most = functools.cache(lambda name, level: memory_of_stage(stage, self.scene(name, level)))
+        return lambda wildcards, attempt: attempt * most(wildcards.scene, wildcards.level)
+
+    def gpu(self, wildcards) -> int | None:
+        """Return a resource: the GPUs that a job of a scene needs; None where it needs none."""
+        return self.gpus(self.scene(wildcards.scene, wildcards.level).numerics.device)
+
+    def gpus(self, device: str) -> int | None:
+        """Return 1 where a job whose own device is ``device`` is to run on a GPU, else None."""
+        return 1 if (self._device or device) == "cuda" else None
 
     def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ..."""
@@ -131,6 +166,16 @@ class Workflow:
         """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
         eye = self.scene(name, level).eye
         return [eye.path] if eye is not None and eye.path else []
+
+    def wanted(self, names: Iterable[str]) -> list[str]:
+        """Return what is made of scenes unless somebody asks for less, at the accuracy level of this call."""
+        return [f"{OUTPUTS}/{name}/{self.accuracy}/{file}" for file in WANTED for name in names]
+
+    def unknown(self, word: str) -> NoReturn:
+        """End Snakemake with what there is: a word was asked for that is no rule, no scene and no study."""
+        known = [*scene_names(), *study_names()]
+        stop(f'no scene and no study is called "{word}"{nearest(word, known)}; the scenes are '
+             f"{', '.join(scene_names())}, the studies {', '.join(study_names())}")
 
     def compared(self, name: str, level: str, other: str) -> list[str]:
         """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
@@ -168,7 +213,12 @@ class Workflow:
 
     def depends(self, stage: str):
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
-        digest = functools.cache(lambda name, level: stage_digest(stage, self.scene(name, level)))
+        def digest_of(name: str, level: str) -> str:
+            # A mesh of the user counts by what it holds: a copy of it has another date.
+            surface = [sha256(Path(path).read_bytes()) for path in self.mesh(name, level) if Path(path).is_file()]
+            return " ".join([stage_digest(stage, self.scene(name, level)), *(surface if stage == "eye" else [])])
+
+        digest = functools.cache(digest_of)
 
         def parameter(wildcards) -> str:
             name, level, segment = wildcards.scene, wildcards.level, getattr(wildcards, "segment", None)
@@ -181,7 +231,7 @@ class Workflow:
         """Return a parameter that changes with the errors that estimates tell."""
         from pipeline.forecast.expected_error import errors_file
 
-        return hashlib.sha256(errors_file().read_bytes()).hexdigest()[:16]
+        return sha256(errors_file().read_bytes())
 
     @staticmethod
     def page_texts(wildcards) -> str:
@@ -190,7 +240,7 @@ class Workflow:
 
         texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
         texts.append(SCENES / f"{wildcards.scene}.yaml")
-        return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(texts))).hexdigest()[:16]
+        return sha256(b"".join(path.read_bytes() for path in sorted(texts)))
 
     def tell_pages(self) -> None:
         """Print where the page and the pictures of every scene of this run are, as far as they have been made."""
@@ -207,16 +257,16 @@ class Workflow:
         A rule cannot do the latter: Snakemake does not look for changed parameters downstream of a job that it runs.
         The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
         """
-        self._begin = time.time()
         probe(OUTPUTS)
-        self._lock = os.open(OUTPUTS, os.O_RDONLY)
+        self._logs = changes(self._all_logs())
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = hold(OUTPUTS)
         except BlockingIOError:
             stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
         for folder in {OUTPUTS / name for name, _ in self._scenes}:
             if folder.is_dir():
                 remove_left_over(folder)
+                end_future(folder)
         for (name, level), scene in self._scenes.items():
             folder = OUTPUTS / name / level
             if folder.is_dir():
@@ -225,9 +275,22 @@ class Workflow:
                 write_text(folder / "scene.json", scene.to_json())
 
     def repeat_errors(self) -> None:
-        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
-        for log in sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log")):
-            if log.stat().st_mtime >= self._begin:
-                for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
-                    if line.startswith("error: "):
-                        print(line, file=sys.stderr)
+        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them.
+
+        Damaged files that they name are set aside.
+        """
+        sentences = []
+        for log, state in changes(self._all_logs()).items():
+            if self._logs.get(log) != state:
+                sentences += [line.removeprefix("error: ") for line in log.read_text(
+                    encoding="utf-8", errors="replace").splitlines() if line.startswith("error: ")]
+        for sentence in sentences:
+            print(f"error: {sentence}", file=sys.stderr)
+        for name, level in self._scenes:
+            for sentence in set_aside_damaged(OUTPUTS / name / level, sentences):
+                print(sentence, file=sys.stderr)
+
+    @staticmethod
+    def _all_logs() -> list[Path]:
+        """Return the logs of all scenes and studies."""
+        return sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log"))

@@ -1,9 +1,13 @@
 """What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
+from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.study_kit.plan import Study, cached_study, study_names
+from pipeline.study_report import SO_FAR, outcomes_so_far, write_study
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
 from sim.cores import USEFUL_THREADS, available_cores
+
+CASE_MEMORY = 2000  # MB: enough for 100,000 particles; what a family computes is not known before
 
 
 class Studies:
@@ -17,6 +21,7 @@ class Studies:
     def __init__(self, flow: Workflow):
         self._flow = flow
         self.names = study_names()
+        self._asked: dict[tuple[str, str], None] = {}  # study and level, in the order of the rules
 
     def study(self, name: str, level: str) -> Study:
         """Return a study by name; one with errors ends Snakemake with one sentence for each."""
@@ -62,12 +67,17 @@ class Studies:
         The cases of a study share the cores: many run side by side, a few get several each. What only reads the results
         of scenes needs one.
         """
-        asked, cases = self._case(name, level, case), self.study(name, level).cases.values()
+        asked = self._case(name, level, case)
         if asked.folders():
             return 1
-        cores = min(cores, available_cores())
-        share = min(cores // sum(not one.folders() for one in cases), USEFUL_THREADS)
+        cores = cores if self._flow.elsewhere else min(cores, available_cores())
+        share = min(cores // self.study(name, level).solving, USEFUL_THREADS)
         return min(max(getattr(asked.family, "THREADS", 1), share), cores)
+
+    @staticmethod
+    def memory(wildcards, attempt: int) -> int:
+        """Return a resource: the memory, MB, that a case may take; one that is tried again gets more."""
+        return attempt * CASE_MEMORY
 
     def depends(self, name: str, level: str, case: str) -> str:
         """Return a parameter that changes when the outcome of a case may change."""
@@ -76,7 +86,20 @@ class Studies:
     def report_depends(self, name: str, level: str) -> str:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name, level)
-        return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
+        self._asked[name, level] = None
+        page = code_used(study.page.__name__) if study.page else ""
+        return (f"{shortened(stage_digest('study_report'), page)} {study.accuracy} {study.title} {study.description} "
+                f"{study.figures()}")
+
+    def tell_so_far(self) -> None:
+        """Write and tell what is known of the studies of a run in which something has failed."""
+        for name, level in self._asked:
+            folder = OUTPUTS / "studies" / name / level
+            study = self.study(name, level)
+            outcomes = outcomes_so_far(study, folder)
+            if any(outcome.failure for outcome in outcomes):
+                write_study(study, outcomes, folder / SO_FAR)
+                print(f"{name} at {level}, as far as there are results: {folder / SO_FAR / 'table.html'}", flush=True)
 
     def _case(self, name: str, level: str, case: str):
         try:

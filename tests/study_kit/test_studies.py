@@ -1,16 +1,26 @@
 """Studies: their plans, what a case returns, the table, and that a rerun repeats only what changed."""
 import csv
+import dataclasses
 import math
+import sys
+import types
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
 from snakemake_output import TRACE, planned
 
+from pipeline import study_report
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_accuracy_levels
+from pipeline.study import run_case
+from pipeline.study_kit import plan
 from pipeline.study_kit.model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.plan import load_study, study_names
 from pipeline.study_report import summary
+from pipeline.workflow.scenes import Workflow
+from pipeline.workflow.studies import Studies
 
 SMALL = """
 title: Small
@@ -64,7 +74,83 @@ def test_summary_names_every_row_that_does_not_hold():
     assert "1 of 2 rows hold, these do not:\n  c: bad is 2 1, error 1 above 0.1" in summary("s", rows)
 
 
+def test_summary_of_many_rows_is_short():
+    rows = [row.cells("c") for row in [compared("bad", 2.0, 1.0, 0.1)] * 1000]
+    lines = summary("s", rows).splitlines()
+    assert len(lines) == 22 and lines[-1] == "  and 980 more, see its table"
+
+
+# Cases without a result
+
+def test_case_that_cannot_be_run_has_a_failure_as_its_outcome(taichi, write):
+    def run(parameters):
+        raise UserError("a drop of 3 mm does not fit into a box of 2 mm")
+
+    write(SMALL)
+    case = dataclasses.replace(load_study("small").case("taylor_green-5"), family=types.SimpleNamespace(run=run))
+    outcome = run_case(case)
+    assert outcome.failure == "a drop of 3 mm does not fit into a box of 2 mm"
+    assert [row.cells(outcome.case)["holds"] for row in outcome.rows] == ["false"]
+
+
+def test_defect_of_the_program_is_no_outcome(taichi, write):
+    write(SMALL)
+    family = types.SimpleNamespace(run=lambda parameters: {}["missing"])
+    with pytest.raises(KeyError):
+        run_case(dataclasses.replace(load_study("small").case("taylor_green-5"), family=family))
+
+
+def test_table_so_far_says_of_every_case_why_it_has_no_result(write, monkeypatch):
+    write(SMALL.replace("[5, 10]", "[5, 6, 7, 8, 9]"))
+    folder = Path("outputs/studies/small/draft")
+    done, failed = folder / "cases" / "taylor_green-5", folder / "cases" / "taylor_green-6"
+    for path, outcome in ((done, Outcome([compared("decay", 1.0, 1.0, 0.1)], case="taylor_green-5")),
+                          (failed, Outcome.failed("taylor_green-6", "it cannot be"))):
+        path.mkdir(parents=True)
+        outcome.write(path)
+    logs = folder / "logs"
+    logs.mkdir()
+    (logs / "taylor_green-7.log").write_text("starts\nerror: out of memory\n")
+    (logs / "taylor_green-8.log").write_text("Traceback (most recent call last):\n  File x\nZeroDivisionError: by 0\n")
+    monkeypatch.setattr(sys, "argv", ["study_report", "small", "--so-far"])
+    study_report.main()
+    with (folder / "so_far" / "table.csv").open() as file:
+        rows = {row["case"]: (row["quantity"], row["holds"]) for row in csv.DictReader(file)}
+    assert rows == {"taylor_green-5": ("decay", "true")} | {
+        f"taylor_green-{number}": ("no result", "false") for number in (6, 7, 8, 9)}
+    page = (folder / "so_far" / "table.html").read_text()
+    for number, why in ((6, "it cannot be"), (7, "out of memory"), (8, "ZeroDivisionError: by 0"),
+                        (9, "it has not been run")):
+        assert f"taylor_green-{number} has no result: {why}" in page
+    assert not (folder / "table.csv").exists()
+
+
 # Plans
+
+def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeypatch):
+    write("cases: {injection: {scene: [tamponade, oil_removal], flow: ["
+          + ", ".join(f"{0.1 * k:.1f} mL/s" for k in range(1, 26)) + "], drain_gap: ["
+          + ", ".join(f"{0.3 + 0.05 * k:.2f} mm" for k in range(20)) + "], duration: 0.1 s, resolutions: [11]}}")
+    read = Counter()
+
+    def counted(name, function):
+        def call(*arguments):
+            read[name] += 1
+            return function(*arguments)
+        monkeypatch.setattr(plan, name, call)
+
+    for name in ("load_scene", "code_used", "read_yaml"):
+        counted(name, getattr(plan, name))
+    for cached in (plan.cached_study, plan.cached_scene, plan._scene_text, plan._code_digest):
+        cached.cache_clear()
+    studies = Studies(Workflow({"scenes": ["tiny"], "accuracy": "draft"}))
+    cases = [Path(folder).name for folder in studies.case_folders("small", "draft")]
+    assert len(cases) == 1000
+    assert len({studies.depends("small", "draft", case) for case in cases}) == 1000
+    assert {studies.threads("small", "draft", case, 2) for case in cases} == {1}
+    assert not any(studies.inputs("small", "draft", case) for case in cases)
+    assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 2}  # the study, and the names of the levels
+
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
 @pytest.mark.parametrize("name", study_names(ROOT / "config" / "studies"))
@@ -83,7 +169,7 @@ def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "level"), [("hard_eye_study", "standard"), ("step_size_study", "fine"),
-                                             ("injection_study", "draft")])
+                                             ("injection_size_study", "draft")])
 def test_case_solves_its_scene_at_the_level_of_the_study(name, level, monkeypatch):
     monkeypatch.chdir(ROOT)
     expected = load_accuracy_levels(ROOT / "config" / "accuracy.yaml")[level]
