@@ -91,16 +91,16 @@ def distance_of_mesh(mesh: "trimesh.Trimesh", cell: float, margin: float) -> Sig
     margin : reach of the grid and of the exact band beyond the surface, m. Deeper inside than the margin the values
         come from the mask of inner nodes and are right to about one cell.
     """
-    from scipy.ndimage import distance_transform_edt
-
     lower, upper = mesh.bounds
     origin, counts = grid_nodes(lower, upper, cell, margin)
     return distance_at_nodes(mesh, origin, counts, cell, margin)
 
 
-def distance_at_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndarray, cell: float,
+def distance_at_nodes(mesh: "trimesh.Trimesh", origin: np.ndarray, counts: np.ndarray, cell: float,
                       band_width: float) -> SignedDistance:
     """Signed distance to a closed triangle mesh at the nodes of a given grid, exact in a band on both sides."""
+    from scipy.ndimage import distance_transform_edt
+
     inside = inner_nodes(mesh, origin, counts, cell)
     depth = np.where(inside, -distance_transform_edt(inside), distance_transform_edt(~inside))
     values = cell * (depth - 0.5 * np.sign(depth))      # the surface lies between an inner and an outer node
