@@ -162,11 +162,13 @@ def main() -> None:
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("study", help="name of the study")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
+    p.add_argument("--folder", type=Path, metavar="DIR",
+                   help="of the study, in which its cases are (default outputs/studies/<study>/<level>)")
     p.add_argument("--so-far", action="store_true",
                    help=f"take the cases that have a result, and write into the folder {SO_FAR} beside them")
     arguments = p.parse_args()
     study = load_study(arguments.study, arguments.accuracy)
-    folder = OUTPUTS / study.name / study.accuracy
+    folder = arguments.folder or OUTPUTS / study.name / study.accuracy
     if arguments.so_far:
         write_study(study, outcomes_so_far(study, folder), folder / SO_FAR)
     else:

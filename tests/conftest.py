@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import forked_snakemake
@@ -85,6 +86,7 @@ class Project:
 
     def __init__(self, folder: Path):
         self.folder = folder
+        folder.mkdir(exist_ok=True)
         for name in self.LINKED:
             (folder / name).symlink_to(ROOT / name)
         for name in self.COPIED:
@@ -106,11 +108,11 @@ class Project:
         shutil.copytree(ROOT / package, folder, ignore=shutil.ignore_patterns("__pycache__"))
         return folder
 
-    def start(self, *arguments: str) -> subprocess.Popen:
+    def start(self, *arguments: str, environment: Mapping[str, str] = os.environ) -> subprocess.Popen:
         """Start Snakemake in a process group of its own; what it prints goes to ``snakemake.log``."""
         with (self.folder / "snakemake.log").open("w") as log:
             return subprocess.Popen([sys.executable, "-m", "snakemake", "-j2", *arguments], cwd=self.folder,
-                                    env=os.environ | {"PYTHONPATH": str(self.folder)}, stdin=subprocess.DEVNULL,
+                                    env={**environment, "PYTHONPATH": str(self.folder)}, stdin=subprocess.DEVNULL,
                                     stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
 
     def snakemake(self, *arguments: str) -> tuple[int, str]:

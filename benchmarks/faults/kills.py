@@ -18,8 +18,12 @@ from pathlib import Path
 
 from copy_of_project import Copy, differences
 
-STAGES = ("scene", "eye", "voxelize", "advise", "estimate", "simulate", "reconstruct", "render", "metrics", "movie",
-          "index_run", "effect_costs", "cost", "page")
+# Stages in the order in which a run needs them, with what each makes.
+STAGES = {
+    "scene": "scene.json", "eye": "eye.vtp", "voxelize": "initial.npz", "advise": "advice.html",
+    "estimate": "estimate.json", "simulate": "checkpoints/segment_001.npz", "reconstruct": "surfaces/segment_001",
+    "render": "images/segment_001", "metrics": "metrics.csv", "movie": "movie.mp4", "index_run": "run.pvd",
+    "effect_costs": "effects.csv", "cost": "cost.html", "page": "index.html"}
 VICTIMS = ("everything", "the stage", "Snakemake")
 PATIENCE = 900.0  # s, until a stage must have begun
 
@@ -32,7 +36,7 @@ def duration_of(reference: Copy, stage: str) -> float:
 
 def kill(copy: Copy, stage: str, victim: str, after: float) -> str:
     """Start a run, wait for a stage and some seconds more, and kill; return what was hit."""
-    run = copy.start(cores=1)
+    run = copy.start(str((copy.outputs / STAGES[stage]).relative_to(copy.folder)), cores=1)
     end = time.monotonic() + PATIENCE
     while not copy.processes("-m", f"pipeline.{stage}"):
         if run.poll() is not None or time.monotonic() > end:
@@ -69,7 +73,7 @@ def main() -> int:
             return code
         done = 0
         for number in range(options.kills):
-            stage = STAGES[number * len(STAGES) // options.kills]
+            stage = list(STAGES)[number * len(STAGES) // options.kills]
             victim, after = chance.choice(VICTIMS), chance.uniform(0.0, duration_of(reference, stage))
             hit = kill(copy, stage, victim, after)
             done += bool(hit)

@@ -193,7 +193,6 @@ def read_frame(path: str | os.PathLike) -> FrameData:
     DamagedFile : its checksum does not fit.
     """
     import vtk
-    from vtkmodules.util.numpy_support import vtk_to_numpy
 
     path = Path(path)
     if not path.is_file():
@@ -212,13 +211,22 @@ def read_frame(path: str | os.PathLike) -> FrameData:
     if reader.GetErrorCode() or missing:
         raise UserError(f"{path}: is no frame of this pipeline"
                         + (f" (without {', '.join(sorted(missing))})" if missing else "") + "; run its segment again")
+    try:
+        return _from_arrays(points, fields, mesh.GetPoints())
+    except (ValueError, IndexError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is no frame of this pipeline ({error}); run its segment again") from error
+
+
+def _from_arrays(points: dict[str, np.ndarray], fields: dict[str, np.ndarray], coordinates) -> FrameData:
+    """The frame of which VTK has found the arrays and the coordinates."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
     dimension = int(fields.pop("dimension")[0])
     fields.pop("fill")
     texts = {name: fields.pop(name).tobytes().decode() for name in TEXTS}
     liquids = tuple(texts["liquids"].split("\n"))
     # VTK forgets the second axis of a single liquid.
     points["volume_fraction"] = points["volume_fraction"].reshape(-1, len(liquids))
-    coordinates = mesh.GetPoints()
     position = vtk_to_numpy(coordinates.GetData())[:, :dimension].copy() if coordinates else np.zeros((0, dimension))
     return FrameData(
         position=position, **{name: points.pop(name) for name in POINT_UNITS},

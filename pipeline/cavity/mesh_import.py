@@ -2,6 +2,9 @@
 import contextlib
 import dataclasses
 import logging
+import subprocess
+import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +15,9 @@ import pyvista
 import trimesh
 
 from pipeline.base.errors import UserError
+from pipeline.cavity import vtk_reader
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
+from pipeline.cavity.vtk_reader import outer_surface
 from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
 
@@ -42,7 +47,7 @@ class MeshRefused(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class ImportedMesh:
-    """A closed surface in m with outward normals, and sentences: what was repaired, what is unlike an eye."""
+    """A closed surface in m with outward normals, and sentences: what was repaired, and what is unlike an eye."""
 
     mesh: trimesh.Trimesh
     repairs: tuple[str, ...]
@@ -66,6 +71,9 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
     vertices, faces = read_triangles(Path(path))
     if not len(faces):
         raise UserError(f"{path} (eye.path): holds no triangles, but a closed surface is needed")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise UserError(f"{path} (eye.path): is damaged (a triangle has a corner that is not there), export or copy it "
+                        "again")
     if not np.isfinite(vertices).all():
         raise UserError(f"{path} (eye.path): {np.sum(~np.isfinite(vertices).all(axis=1))} vertices are not finite "
                         "numbers, export the surface again")
@@ -117,13 +125,10 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if suffix in TRIMESH_FORMATS:
             mesh = trimesh.load(path, force="mesh", process=False)
             return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-        if suffix == ".stl":
-            refuse_cut_short(path)
-        with _silent_readers():
-            data = pyvista.read(path) if suffix in VTK_FORMATS else pyvista.from_meshio(meshio.gmsh.read(path))
-        if isinstance(data, pyvista.UnstructuredGrid) and (data.celltypes >= pyvista.CellType.TETRA).any():
-            data = data.extract_cells(data.celltypes >= pyvista.CellType.TETRA)     # the triangles beside are patches
-        surface = (data if isinstance(data, pyvista.PolyData) else data.extract_surface(algorithm=None)).triangulate()
+        if suffix in VTK_FORMATS:
+            return _read_by_vtk(path)
+        with _silent_reader():
+            surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
         return np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
     except (OSError, UserError):
         raise
@@ -146,9 +151,12 @@ def refuse_cut_short(path: Path) -> None:
         if b"endsolid" not in tail:
             raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
                             "it again")
+    elif size < 84:
+        raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "
+                        "again")
     elif size < 84 + 50 * announced:
         raise UserError(f"{path} (eye.path): is cut short (it announces {announced} triangles and holds "
-                        f"{max(size - 84, 0) // 50}), export or copy it again")
+                        f"{(size - 84) // 50}), export or copy it again")
 
 
 def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -181,9 +189,23 @@ def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     return *coarse, [f"reduced {len(faces)} triangles to {len(coarse[1])}, far finer than the particles"]
 
 
+def _read_by_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What :func:`read_triangles` returns, read in a process of its own, for damaged files crash VTK."""
+    if path.suffix.lower() == ".stl":
+        refuse_cut_short(path)
+    with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
+        target = Path(folder) / "triangles.npz"
+        done = subprocess.run([sys.executable, vtk_reader.__file__, path, target], capture_output=True, text=True)
+        if done.returncode:
+            reason = done.stderr.strip().splitlines()
+            raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
+        with np.load(target) as found:
+            return found["vertices"], found["faces"]
+
+
 @contextlib.contextmanager
-def _silent_readers() -> Iterator[None]:
-    """Keep VTK's complaints about a broken file off the screen: the user gets one sentence instead."""
+def _silent_reader() -> Iterator[None]:
+    """Keep complaints about a broken file off the screen: the user gets one sentence instead."""
     disabled = logging.root.manager.disable
     with pyvista.vtk_verbosity("off"), warnings.catch_warnings(action="ignore"):
         logging.disable(logging.CRITICAL)

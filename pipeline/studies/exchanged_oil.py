@@ -7,7 +7,7 @@ the surgeon moves the tip or the eye.
 In surgery the oil creeps, so that its shape follows from densities, tension and the capillary number mu Q/(pi R^2
 sigma) alone. That one is the same for all oils in one cannula, since the flow Q falls as the viscosity mu rises (J6). A
 simulation cannot wait for minutes: the flow is larger here and the oil as much thinner, at the capillary number of
-surgery.
+surgery. Equations: docs/methods/injection.md.
 """
 import dataclasses
 import time

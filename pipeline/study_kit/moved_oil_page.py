@@ -1,6 +1,6 @@
 """The page of the study of movements: what saccades, a jolt and standing up do with every oil.
 
-Sources of what is set beside: [rossi2021, abstract], [isakova2014, abstract], [angunawela2011, abstract and p. 7050].
+Sources of what is set beside: [rossi2021, abstract], [isakova2014, abstract], [angunawela2011, page 7050].
 """
 import dataclasses
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ from pipeline.study_kit.surgeons_words import (
 
 PICTURES, TABLES = ("movements",), ("movements", "courses")
 HALF, MOST = time_to_make(0.5), time_to_make(0.8)
-ADHESION = (3.9, 266.0)  # Pa, of the retina: a day after laser, and the most in animals [angunawela2011, p. 7050]
+ADHESION = (3.9, 266.0)  # Pa, of the retina: a day after laser, and the most in animals [angunawela2011, page 7050]
 STEP_ERROR = 0.2         # of the time to come to rest, by long time steps: docs/results/step_size.md
 COLUMNS = ((SACCADES, STRESS, "saccade: mean stress / Pa"), (SACCADES, HIGH_STRESS, "1 % exceeds / Pa"),
            (SACCADES, SHIFT, "interface moves / mm"), (JOLT, STRESS, "jolt: mean stress / Pa"),

@@ -85,7 +85,7 @@ def test_snakemake_repeats_the_sentence_at_the_end(project):
     project.write_scene("broken", "extends: tiny\neye: {model: mesh, path: eye.stl}\n")
     code, output = project.snakemake("outputs/broken/draft/eye.vtp")
     assert code == 1 and "Traceback" not in output
-    sentence = "error: config/scenes/eye.stl (eye.path): holds no triangles"
+    sentence = "error: config/scenes/eye.stl (eye.path): is cut short"
     assert output.count(sentence) == 2 and output.rfind(sentence) > output.rfind("Error in rule eye")
 
 

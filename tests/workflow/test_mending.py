@@ -1,4 +1,4 @@
-"""Damaged files make way for new ones, dates of a wrong clock are put right, a disk without locks is no obstacle."""
+"""Damaged files make way for new ones, dates of a wrong clock are put right, and a disk without locks will do."""
 import errno
 import fcntl
 import os
