@@ -74,7 +74,8 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
     made = [outcome.pictures for outcome in outcomes]
     made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
     for pictures in made:
-        for name, content in pictures.items():
+        for name in sorted(pictures.keys() & set(study.pictures())):
+            content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
     # The words of a page that answers a question are about all cases.

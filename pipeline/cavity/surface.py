@@ -8,18 +8,13 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
-from pipeline.cavity.regions import MESH_REGIONS, REGIONS, regions_of
-from pipeline.scenes.eye_shape import EyeShape, eye_mesh, eye_shape, published_volume
+from pipeline.cavity.landmarks import laid
+from pipeline.cavity.regions import region_names, regions_of
+from pipeline.scenes.eye_shape import eye_mesh, imaged_volume, published_volume, shape_of
 from pipeline.scenes.model import Container, Eye, Scene
 
 if TYPE_CHECKING:
     import trimesh
-
-
-def shape_of(eye: Eye) -> EyeShape:
-    """Lengths of a parametric eye."""
-    return eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
-                     vertical_diameter=eye.vertical_diameter)
 
 
 def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
@@ -27,11 +22,15 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
 
     Raises
     ------
-    UserError : a mesh without a path, or one that cannot be used (``pipeline.cavity.mesh_import``).
+    UserError : a mesh without a path, or one that cannot be used (``pipeline.cavity.mesh_import``); a buckle or a
+        staphyloma that hides a part of the wall.
     """
     if eye.model == "parametric":
         shape = shape_of(eye)
-        mesh, published = eye_mesh(shape), published_volume(eye.axial_length)
+        try:
+            mesh, published = eye_mesh(shape), published_volume(eye.axial_length)
+        except ValueError as error:
+            raise UserError(f"eye: {error}; lower or widen the buckle or the staphyloma") from error
         return mesh, {
             "model": "parametric", "lens": eye.lens, "axial_length": eye.axial_length,
             "diameters": (2.0 * shape.half_axes).tolist(), "published_volume": published,
@@ -42,8 +41,25 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
     from pipeline.cavity.mesh_import import import_mesh
 
     imported = import_mesh(eye.path, eye.unit, eye.force)
-    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
-                           "warnings": list(imported.warnings)}
+    mesh, lies = laid(imported.mesh, eye.landmarks, eye.side, eye.path)
+    return mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
+                  "warnings": list(imported.warnings), "orientation": lies}
+
+
+def volume_in_words(report: dict) -> str:
+    """Return the volume of a cavity, beside the published one of an eye of its axial length.
+
+    Parameters
+    ----------
+    report : of ``cavity_mesh`` with ``report_of``.
+    """
+    said = f"cavity {1e6 * report['volume']:.2f} mL"
+    if "published_volume" in report:
+        length, imaged = report["axial_length"], imaged_volume(report["axial_length"])
+        said += (f"; expected of {1e3 * length:g} mm: {1e6 * report['published_volume']:.2f} mL (144 operated eyes of "
+                 f"20 to 32 mm, de Santana et al.), {1e6 * imaged:.2f} mL (imaged eyes, Zhou et al. 2020, "
+                 "doi:10.1097/MD.0000000000022685)")
+    return said
 
 
 def write_container(container: Container, path: Path) -> dict:
@@ -80,9 +96,9 @@ def write_mesh(mesh: "trimesh.Trimesh", path: str | Path, eye: Eye | None = None
 
     surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if eye is not None:
-        parametric = eye.model == "parametric"
-        surface.cell_data["region"] = regions_of(mesh.triangles_center, shape_of(eye) if parametric else None)
-        set_text(surface, "regions", REGIONS if parametric else MESH_REGIONS)
+        shape = shape_of(eye) if eye.model == "parametric" else None
+        surface.cell_data["region"] = regions_of(mesh.triangles_center, shape)
+        set_text(surface, "regions", region_names(shape))
         set_text(surface, "units", ("points: m",))
     with replacing(path) as temporary:
         write_vtk(surface, temporary)
