@@ -88,6 +88,7 @@ localrules:
 rule all:
     input:
         flow.wanted(flow.names),
+        "outputs/software.html",
     message:
         "all done: {input}"
 
@@ -101,6 +102,7 @@ include: "rules/measures.smk"
 include: "rules/pages.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
+include: "rules/software.smk"
 
 
 # `snakemake <scene>` makes all of a scene, but of one that has the name of a rule or a study.

@@ -1,5 +1,28 @@
-"""The stages of the pipeline: scene, eye, voxelize, simulate, reconstruct, render, movie, metrics."""
+"""The stages of the pipeline: scene, eye, voxelize, simulate, reconstruct, render, movie, metrics.
+
+As a library: ``pipeline.run``, ``pipeline.open_run``, ``pipeline.plan_fill``, ``pipeline.oil_at_rest``.
+"""
+import importlib
 import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipeline.base.errors import UserError
+    from pipeline.library.oil_at_rest import oil_at_rest
+    from pipeline.library.run import open_run, run
+    from pipeline.planning.plan import plan_fill
 
 # Every stage prints only what its user asked for; taichi reads this when it is imported.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+# Imported when first asked for: a stage that needs none of this starts sooner.
+_LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",
+            "oil_at_rest": "pipeline.library.oil_at_rest", "plan_fill": "pipeline.planning.plan",
+            "UserError": "pipeline.base.errors"}
+__all__ = ["UserError", "oil_at_rest", "open_run", "plan_fill", "run"]
+
+
+def __getattr__(name: str):
+    if name not in _LIBRARY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_LIBRARY[name]), name)

@@ -20,6 +20,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.palette import curve_style
 from pipeline.base.progress import progress
+from pipeline.base.words import no_formula
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.contour_lines import signed_area
@@ -186,7 +187,8 @@ def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None
     largest = max((row["diameter [mm]"] for row in rows), default=1.0)
     right.set(xlabel="diameter of the ball of equal volume [mm]", ylabel="bodies of at least this size", xscale="log",
               xlim=(spacing, 2.0 * max(largest, spacing)))
-    figure.suptitle(f"{scene.title or scene.name}: bodies of the liquids", x=0.01, ha="left", fontsize=12)
+    figure.suptitle(no_formula(f"{scene.title or scene.name}: bodies of the liquids"), x=0.01, ha="left", fontsize=12,
+                    wrap=True)
     right.set_title("sizes at the end", loc="left", fontsize=11)
     for axes in (left, right):
         axes.grid(alpha=0.3)

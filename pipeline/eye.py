@@ -1,7 +1,6 @@
 """Stage: the closed surface of the cavity: a parametric eye, a user's mesh, or a container."""
 import argparse
 import json
-import time
 from pathlib import Path
 
 from pipeline.base.cli import run
@@ -23,10 +22,9 @@ def main(arguments: list[str] | None = None) -> None:
                                                      "(default: eye_defects.png beside the report)")
     options = parser.parse_args(arguments)
     picture = options.picture or options.report.with_name("eye_defects.png")
-    start = time.perf_counter()
     scene = load_resolved(options.scene)
     if scene.container is not None:
-        report = write_container(scene.container, options.output) | {"seconds": time.perf_counter() - start}
+        report = write_container(scene.container, options.output)
         write_text(options.report, json.dumps(report, indent=2) + "\n")
         print(f"container of {' x '.join(f'{side:g}' for side in scene.container.size)} m")
         return
@@ -34,12 +32,14 @@ def main(arguments: list[str] | None = None) -> None:
         mesh, source = cavity_mesh(scene.eye)
     except MeshRefused as refused:
         raise UserError(f"{refused}; {picture_of_defect(refused.mesh, refused.segments, picture)}") from refused
-    report = report_of(mesh, source) | {"seconds": time.perf_counter() - start}
+    report = report_of(mesh, source)
     write_mesh(mesh, options.output, scene.eye)
     write_text(options.report, json.dumps(report, indent=2) + "\n")
     picture.unlink(missing_ok=True)
     for sentence in report.get("repairs", ()):
         print(f"repair: {sentence}")
+    for sentence in report.get("warnings", ()):
+        print(f"warning: {sentence}")
     print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")
 
 

@@ -3,8 +3,9 @@
 To add a metric, write one function of a :class:`~pipeline.measures.frame_view.Measured` state and register it with
 ``@metric``: it becomes a column of ``metrics.csv`` (one per entry, if it returns several numbers), a plot, and a row of
 the report, in the order of its ``place``. Those of mixtures are in
-:mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in :mod:`pipeline.measures.rotation_metrics`, those
-that an effect knows by itself in its file (`Effect.measures`); ``--list`` prints what every column means.
+:mod:`pipeline.measures.mixing_metrics`, those of eyes that turn in :mod:`pipeline.measures.rotation_metrics`, those of
+breaks and regions in :mod:`pipeline.measures.place_metrics`, those that an effect knows by itself in its file
+(`Effect.measures`); ``--list`` prints what every column means.
 """
 import argparse
 from collections.abc import Sequence
@@ -18,10 +19,12 @@ from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.tables import write_table
 from pipeline.cavity.initial_state import load_initial
-from pipeline.measures import mixing_metrics, rotation_metrics
+from pipeline.measures import mixing_metrics, place_metrics, rotation_metrics
 from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import MIXED, Measured
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
+from pipeline.measures.place_course import courses_of
+from pipeline.measures.places import Places, places_of
 from pipeline.measures.plots import overview, write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
@@ -29,6 +32,7 @@ from pipeline.measures.summary import write_summary
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
+from pipeline.surfaces.surface_files import read_surface
 from sim.effects import REGISTRY
 
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
@@ -109,11 +113,6 @@ def limit_hit(state):
 @metric("s", "time step")
 def time_step(state):
     return state.statistic("time_step")
-
-
-@metric("s", "time that the solver took since the frame before, by the clock and of all cores together")
-def computing_time(state):
-    return {"wall": state.statistic("wall_seconds"), "cpu": state.statistic("cpu_seconds")}
 
 
 @metric("%", "share of the whole wall that the oil touches", of_eye=True, place=4, uncertainty="wall_coverage_band",
@@ -205,20 +204,23 @@ def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radi
 METRICS += mixing_metrics.METRICS
 METRICS += [one for effect in REGISTRY.values() for one in metrics_of_effect(effect)]
 METRICS += rotation_metrics.METRICS
+METRICS += place_metrics.METRICS
 
 
-def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
+def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path], places: Places | None = None
+            ) -> dict[str, np.ndarray]:
     """Return the metrics of frames: column -> one number per frame, beginning with ``frame``.
 
     Parameters
     ----------
     initial : arrays of ``initial.npz``.
     paths : files of frames, in the order of time.
+    places : breaks and regions of the scene, where it has any.
     """
     table: dict[str, list[float]] = {}
     with progress(len(paths), f"{scene.name}: metrics") as bar:
         for path in paths:
-            state = Measured(scene, initial, read_frame(path))
+            state = Measured(scene, initial, read_frame(path), places)
             row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):
                 row |= one.columns(state)
@@ -237,7 +239,8 @@ class ListMetrics(argparse.Action):
     def __call__(self, parser, *_) -> None:
         for one in METRICS:
             where = " and ".join(name for name, of in (("eyes", one.of_eye), ("mixtures", one.of_mixture),
-                                                         ("eyes that turn", one.of_rotation)) if of)
+                                                         ("eyes that turn", one.of_rotation),
+                                                       (f"scenes with {one.of_places}", one.of_places)) if of)
             print(f"{one.name} [{one.unit}]: {one.meaning}{where and f'; only of {where}'}")
         parser.exit()
 
@@ -254,22 +257,29 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--plots", type=Path, metavar="DIR",
                         help="folder for overview.png and one plot per metric that changes")
     parser.add_argument("--meanings", type=Path, metavar="FILE.json",
-                        help="what the columns mean, for the page of a run")
+                        help="what the columns mean, and when breaks were covered, for the page of a run")
+    parser.add_argument("--eye", type=Path, metavar="eye.vtp",
+                        help="surface of the cavity, for a scene with breaks or regions")
     options = parser.parse_args(arguments)
     scene = load_resolved(options.scene)
     paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
     initial = load_initial(options.initial)
-    table = measure(scene, initial, paths)
+    wanted = options.eye is not None and (scene.breaks or scene.regions)
+    places = places_of(scene, read_surface(options.eye) if wanted else None)
+    table = measure(scene, initial, paths, places)
     write_table(options.output, table)
+    courses = courses_of(table, scene)
+    for course in courses:
+        print(f"{scene.name}: {course.sentence()}", flush=True)
     if rest := rest_in_words(table):
         print(f"{scene.name}: {rest}", flush=True)
     shown = shown_metrics(table, metrics_of(scene))
     events = events_of(scene, table, float(initial["cavity_volume"]))
     title = f"{scene.title or scene.name} ({scene.accuracy})"
     if options.meanings:
-        write_meanings(options.meanings, metrics_of(scene))
+        write_meanings(options.meanings, metrics_of(scene), [course.record() for course in courses])
     if options.summary:
-        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title))
+        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title), courses)
     if options.plots:
         write_plots(options.plots, shown, table, events, title)
 

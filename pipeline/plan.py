@@ -3,6 +3,7 @@
     python -m pipeline.plan --break 6h,60deg --size 2h
     python -m pipeline.plan --break 10:30,95deg --size 1h,15deg --lens pseudophakic --postures upright,left_side
     python -m pipeline.plan --break 5h,80deg --mesh my_eye.stl --output plan.html
+    python -m pipeline.plan --sequence config/scenes/day_of_postures.yaml
     python -m pipeline.plan --write-map              make the tables of the default eye anew
 
 Clock hours are those that an observer sees who faces the patient (chart of Amsler and Dubois): 12 is superior, 3 is on
@@ -10,64 +11,68 @@ the patient's left. The angle is that from the posterior pole: macula 0, equator
 covered when the oil at rest touches all of it and a margin around it. A plan for the default eye is read from tables;
 for other eyes the shapes are computed, some seconds for each oil and posture, and kept in outputs/plans.
 
+--sequence takes the postures of a scene over time, and tells what its oil covers at rest in each, without a simulation.
+
 This is an illustration of physics, not for decisions on a patient.
 """
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
-from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.equilibrium.star_cavity import cavity_of, levels_of
-from pipeline.planning.breaks import read_break
-from pipeline.planning.chart import Charts
-from pipeline.planning.confirm import confirming_scene
-from pipeline.planning.report import html_of, text_of
-from pipeline.planning.search import CACHE, Answer, Question, Tables, answers, write_map
-from pipeline.planning.settings import Settings, load_settings, postures
-from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES, Eye, Material
-from pipeline.scenes.reader import Errors, Reader, nearest
-from sim.parameters import parameter
-
-MAPS = 4    # answers that the page draws
+from pipeline.planning.confirm import confirmation
+from pipeline.planning.plan import plan_fill, question_of
+from pipeline.planning.report import NO_ADVICE
+from pipeline.planning.search import CACHE, write_map
+from pipeline.planning.sequence import Sequence as PostureSequence
+from pipeline.planning.sequence import html_of as sequence_page
+from pipeline.planning.sequence import sequence_of
+from pipeline.planning.sequence import text_of as sequence_text
+from pipeline.planning.settings import postures
+from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    settings, materials = load_settings()
+    given = {"margin": options.margin, "oils": _names(options.oil), "tension": options.tension,
+             "contact_angle": options.contact_angle, "largest_fill": options.largest_fill}
     if options.write_map:
-        count = write_map(_question(options, settings, materials, "12h,0deg"))
+        count = write_map(question_of("12h,0deg", "1h", chosen=_names(options.postures), **given))
         print(f"{count} tables of the default eye")
+        return
+    if options.sequence is not None:
+        _write(options.output, sequence_of(options.sequence), sequence_text, sequence_page)
         return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
-    question = _question(options, settings, materials, options.place)
-    eye = _eye(options)
-    _, bounds = levels_of(eye)
-    found = answers(question, Tables(eye, options.cache), float(-bounds[0, 2]))
+    plan = plan_fill(options.place, options.size, postures=_names(options.postures), eye=_eye(options),
+                     cache=options.cache, **given)
     if options.confirm is not None:
-        write_text(options.confirm, confirming_scene(question, found[0], eye, settings.confirming_scene))
-    text = text_of(question, found, eye)
+        _write_if_new(options.confirm, plan.scene())
     if options.output is None:
-        sys.stdout.write(text)
+        sys.stdout.write(plan.text())
     else:
-        write_text(options.output, _page(question, found, eye) if options.output.suffix == ".html" else text)
+        write_text(options.output, plan.page() if options.output.suffix == ".html" else plan.text())
     if options.confirm is not None:
-        print(f"{options.confirm}: one simulation of this, to compare: snakemake -j2 "
-              f"outputs/{options.confirm.stem}/draft/metrics.html")
+        print("\n".join(confirmation(options.confirm, plan.question, plan.answers[0])))
 
 
-def _page(question: Question, found: Sequence[Answer], eye: Eye) -> str:
-    """Return the page, with maps of the best answers."""
-    charts = Charts(cavity_of(eye), question.place, eye.side == "right")
-    maps = [charts.png(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
-                       min(answer.fill, question.largest_fill)) for answer in found[:MAPS]]
-    return html_of(question, found, eye, maps)
+def _write_if_new(path: Path, text: str) -> None:
+    """Write a file, unless it is as it should be: what was made from it stays up to date."""
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
+
+
+def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
+    """Write a sequence as text or, into a file that ends in .html, as a page."""
+    if output is None:
+        sys.stdout.write(text(sequence, NO_ADVICE))
+    else:
+        write_text(output, (html if output.suffix == ".html" else text)(sequence, NO_ADVICE))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -76,8 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--break", dest="place", metavar="HOUR,ANGLE",
                         help="middle of the break: clock hour and angle from the posterior pole, such as 6h,60deg")
     parser.add_argument("--size", default="1h", metavar="WIDTH,HEIGHT",
-                        help="width in clock hours, height in degrees, or both, such as 2h,15deg (default: 1h; 10 deg "
-                             "high)")
+                        help="width in clock hours, height in degrees or mm, or both, such as 2h,15deg or 3mm "
+                             "(default: 1h; 10 deg high)")
     parser.add_argument("--margin", default="0.5 mm", help="reach of the oil beyond the break (default: 0.5 mm)")
     parser.add_argument("--oil", metavar="OIL,...", help="oils to choose from (default: all of config/plan.yaml)")
     parser.add_argument("--postures", metavar="POSTURE,...", help=f"postures to choose from (default: all: "
@@ -92,52 +97,24 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--largest-fill", help="share of the cavity that can be filled (default: config/plan.yaml)")
     parser.add_argument("--output", type=Path, help="file to write: a page if it ends in .html, else text")
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
-                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml")
+                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml, and tell "
+                             "how to simulate it, or, once that is done, whether the simulation agrees")
+    parser.add_argument("--sequence", type=Path, metavar="SCENE.yaml",
+                        help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")
     parser.add_argument("--write-map", action="store_true", help="make the tables of the default eye anew")
     return parser
 
 
-def _question(options: argparse.Namespace, settings: Settings, materials: dict[str, Material], place: str) -> Question:
-    values = {"tension": options.tension, "contact_angle": options.contact_angle, "largest_fill": options.largest_fill}
-    given = _record(Settings, {name: value for name, value in values.items() if value is not None}, settings)
-    margin = _record(Margin, {"margin": options.margin}).margin
-    oils = _chosen("--oil", options.oil, settings.oils)
-    return Question(read_break(place, options.size), margin, {name: materials[name] for name in oils},
-                    materials[settings.other_liquid], _chosen("--postures", options.postures, tuple(postures())),
-                    given.tension, given.contact_angle, given.other_angles, given.largest_fill)
+def _names(words: str | None) -> list[str] | None:
+    """Names between commas."""
+    return None if words is None else [word.strip() for word in words.split(",")]
 
 
-def _chosen(option: str, words: str | None, allowed: Sequence[str]) -> tuple[str, ...]:
-    """Names between commas; all that are allowed where none is given."""
-    if words is None:
-        return tuple(allowed)
-    names = tuple(dict.fromkeys(word.strip() for word in words.split(",")))
-    for name in names:
-        if name not in allowed:
-            raise UserError(f'{option}: "{name}" is not known{nearest(name, allowed)}; known are {", ".join(allowed)}')
-    return names
-
-
-@dataclasses.dataclass(frozen=True)
-class Margin:
-    """How far the oil must reach beyond a break."""
-
-    margin: float = parameter(unit="m", minimum=0.0, maximum=0.01, meaning="reach of the oil beyond the break")
-
-
-def _eye(options: argparse.Namespace) -> Eye:
+def _eye(options: argparse.Namespace) -> dict[str, str]:
     if options.mesh is None:
-        return _record(Eye, {"axial_length": options.axial_length, "lens": options.lens, "side": options.side})
-    return _record(Eye, {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side})
-
-
-def _record(kind: type, values: dict[str, object], base: object = None):
-    """Read options as a scene's values are read."""
-    errors = Errors("options")
-    record = Reader(errors).record(kind, values, (), base)
-    errors.raise_any()
-    return record
+        return {"axial_length": options.axial_length, "lens": options.lens, "side": options.side}
+    return {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side}
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
-from pipeline.pictures.fundus_map import Coverage, FundusMap
+from pipeline.pictures.fundus_map import BREAK_COLOR, Coverage, FundusMap
 from pipeline.pictures.marks import (
     FAINT_INK,
     INK,
@@ -33,6 +34,7 @@ from pipeline.pictures.marks import (
 from pipeline.pictures.paint import COLORS
 from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
 from pipeline.scenes.effects import droplets_of, places_at_work
+from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surface, read_wall, surface_path
 
 HEADER, CAPTIONS, FOOTER = 0.12, 0.065, 0.105       # of the height
@@ -70,7 +72,8 @@ class Renderer:
         if eye_surface is not None:
             from pipeline.pictures.eye_view import EyeView
 
-            self.view = EyeView(eye_surface, self._panel_size(1), right_eye=self.right_eye)
+            breaks = scene.patches(globe_radius(np.asarray(eye_surface.points, float)))["breaks"].values()
+            self.view = EyeView(eye_surface, self._panel_size(1), right_eye=self.right_eye, breaks=tuple(breaks))
 
     def picture(self, frame: FrameData, section, wall, surfaces, retina: dict[str, Coverage]) -> Image.Image:
         """Picture of one frame.
@@ -90,7 +93,10 @@ class Renderer:
             canvas.paste(Image.fromarray(np.ascontiguousarray(self.view.draw(wall, interfaces))),
                          (self.columns[1], self.top))
         if self.fundus is None:
-            self.fundus = FundusMap(np.asarray(wall.points, float), self._panel_size(-1), right_eye=self.right_eye)
+            points = np.asarray(wall.points, float)
+            breaks = self.scene.patches(globe_radius(points))["breaks"].items()
+            self.fundus = FundusMap(points, self._panel_size(-1), right_eye=self.right_eye,
+                                    outlines={name: one.outline() for name, one in breaks})
         canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, quadrants=retina,
                                       marks=marks), (self.columns[-2], self.top))
         self._texts(canvas, frame, retina, [name for name, _ in working])
@@ -178,6 +184,11 @@ class Renderer:
             left += 6.0 * u + write(draw, (left + 3.4 * u, 0.5 * (top + bottom)), text, 2.4 * u, anchor="lm")
         canvas.paste(self.fundus.hatch_sample((round(4.8 * u), round(bottom - top))), (round(left), round(top)))
         left += 8.2 * u + write(draw, (left + 5.8 * u, 0.5 * (top + bottom)), "uncertain edge", 2.4 * u, anchor="lm")
+        if self.scene.breaks:
+            middle = 0.5 * (top + bottom)
+            draw.line([left, middle, left + 3.2 * u, middle], fill=BREAK_COLOR, width=round(0.8 * u))
+            text = "break" if len(self.scene.breaks) == 1 else "breaks"
+            left += 6.4 * u + write(draw, (left + 4.2 * u, middle), text, 2.4 * u, anchor="lm")
         for name in working:
             diamond(draw, (left, 0.5 * (top + bottom)), 1.5 * u, MARK_COLORS.get(name, INK))
             left += 4.6 * u + write(draw, (left + 2.2 * u, 0.5 * (top + bottom)), name, 2.4 * u, anchor="lm")
@@ -260,9 +271,8 @@ def main(arguments: list[str] | None = None) -> None:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
         use_working_opengl()
-        import pyvista
 
-        eye = pyvista.read(options.eye)
+        eye = read_vtk(options.eye)
     cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])
     render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)
 

@@ -2,7 +2,7 @@
 
     python -m pipeline.result_pages                       write the pages
     python -m pipeline.result_pages --check               exit code 1 where a page is older than its tables
-    python -m pipeline.result_pages --take outputs/studies/injection_study/draft outputs/tamponade/standard
+    python -m pipeline.result_pages --take outputs/studies/injection_size_study/draft outputs/tamponade/standard
                                                           first take over the numbers of these runs
 """
 import argparse

@@ -12,6 +12,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoint, write_frame
 from pipeline.base.progress import progress
+from pipeline.base.words import duration
 from pipeline.cavity.initial_state import load_initial
 from pipeline.scenes.devices import HELP, chosen_device
 from pipeline.scenes.effects import SOLVES
@@ -22,10 +23,12 @@ from pipeline.scenes.threads import chosen_threads
 from pipeline.simulation.runner import Runner, restore
 from pipeline.simulation.solver_setup import build_solver, frame_of
 
+PACE_AFTER = 60.0  # s of steps after which it is known how long the rest takes
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 
 
-def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> dict:
+def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, restart: Path | None = None) -> tuple[
+        dict, list[dict[str, float]]]:
     """Advance the solver of `runner` over one segment and write its frames into `folder`.
 
     Parameters
@@ -35,7 +38,7 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     Returns
     -------
     The times of the solver's parts after the steps of the warm-up (`sim.profiling.times`), empty if there were no more
-    steps.
+    steps; and what every frame took since the one before, s: no frame holds it, so that equal runs have equal files.
 
     Raises
     ------
@@ -48,20 +51,25 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
 
     frames = scene.frames_of_segment(segment)
     solver = runner.solver
-    first, warm, shown = solver.step_count, {}, 0.0
+    first, warm, shown, clocks = solver.step_count, {}, 0.0, []
+    pace_from = None  # simulated time and clock
     usual, told = step_at_rest(solver), False
     good = solver.state()
     label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
     with progress(len(frames), label) as bar:
         for number, index in enumerate(frames):
             begin, before = solver.time, dict(solver.seconds)
-            clocks = time.perf_counter(), time.process_time()
+            wall, cpu = time.perf_counter(), time.process_time()
             until = index * scene.output.frame_interval
 
             def after_step(solver, dt, number=number, begin=begin, until=until):
-                nonlocal warm, told, shown
+                nonlocal warm, told, shown, pace_from
                 if solver.step_count == first + WARM_UP:
                     warm = times(solver)
+                    pace_from = solver.time, time.perf_counter()
+                elif pace_from and (spent := time.perf_counter() - pace_from[1]) > PACE_AFTER:
+                    refuse_endless(scene, spent, pace_from[0], solver.time)
+                    pace_from = None
                 if dt < SMALL_STEP * usual and not told:
                     told = warn_of_small_steps(scene, solver, dt, usual)
                 bar.set_postfix_str(f"t {solver.time:.3f} s, dt {dt * 1e3:.2f} ms, "
@@ -84,12 +92,23 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
                 solver.prepare_output()
                 bar.update(1 - shown)
                 shown = 1.0
-            spent = {"wall_seconds": time.perf_counter() - clocks[0], "cpu_seconds": time.process_time() - clocks[1]}
-            spent |= {f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
-                      for effect in solver.effects if effect.name in solver.seconds}
+            clocks.append({"frame": index, "wall_seconds": time.perf_counter() - wall,
+                           "cpu_seconds": time.process_time() - cpu} | {
+                f"{effect.name}_seconds": solver.seconds[effect.name] - before.get(effect.name, 0.0)
+                for effect in solver.effects if effect.name in solver.seconds})
             warn_of_limits(scene, until, statistics)
-            write_frame(frame_path(folder, index), frame_of(scene, solver, statistics | spent))
-    return warm if solver.step_count > first + WARM_UP else {}
+            write_frame(frame_path(folder, index), frame_of(scene, solver, statistics))
+    return warm if solver.step_count > first + WARM_UP else {}, clocks
+
+
+def refuse_endless(scene: Scene, spent: float, begin: float, now: float) -> None:
+    """Raise where the rest of a scene takes longer than it allows, at the pace of what was done in `spent` s."""
+    rest = spent / (now - begin) * (scene.output.duration - now)
+    if rest > scene.allowed_time:
+        raise UserError(f"{scene.name}: after {duration(spent)} the clock of the scene has gone from {begin:.4g} to "
+                        f"{now:.4g} s, and at this pace the rest takes {duration(rest)}, but allowed_time is "
+                        f"{duration(scene.allowed_time)}: allow more in the scene, or take a coarser accuracy level, "
+                        "longer steps or a shorter output.duration")
 
 
 def diagnosis(solver, good: dict, until: float, error: Exception) -> str:
@@ -157,8 +176,11 @@ def print_timings(solver) -> None:
         print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
 
 
-def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
-    """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON)."""
+def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: list[dict[str, float]]) -> None:
+    """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON).
+
+    clocks : what every frame took (`simulate_segment`).
+    """
     from sim.profiling import allocated, costs
     from sim.runtime import device
 
@@ -166,7 +188,7 @@ def write_costs(path: Path, solver, steps: int, launches, warm: dict) -> None:
     numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
                "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None],
                "scheme": solver.scheme.name, "device": device(), "notes": solver.notes}
-    write_text(path, json.dumps(numbers | {"parts": parts}, indent=1) + "\n")
+    write_text(path, json.dumps(numbers | {"parts": parts, "frames": clocks}, indent=1) + "\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -220,11 +242,11 @@ def main() -> None:
     steps = runner.solver.step_count
     with replacing_folder(arguments.frames) as folder:
         with counted_launches() as launches:
-            warm = simulate_segment(scene, runner, arguments.segment, folder, arguments.restart)
+            warm, clocks = simulate_segment(scene, runner, arguments.segment, folder, arguments.restart)
         solver = runner.solver
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
-        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm)
+        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm, clocks)
     print_timings(solver)
 
 

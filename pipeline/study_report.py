@@ -14,6 +14,7 @@ from pathlib import Path
 from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import replacing, write_text
+from pipeline.base.words import no_formula
 from pipeline.study_kit.model import COLUMNS, OUTCOME, Curve, Figure, Outcome
 from pipeline.study_kit.plan import Case, Study, load_study
 
@@ -76,11 +77,8 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
         for name, content in pictures.items():
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    parts = []
-    if study.report == "filled_eye" and not failed:  # its words are about all cases
-        from pipeline.study_kit.filled_eye_page import write_filled_eye
-
-        parts = write_filled_eye(study.description, found, target)
+    # The words of a page that answers a question are about all cases.
+    parts = study.page.write_page(study.description, found, target) if study.page and not failed else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
@@ -119,12 +117,12 @@ def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
             continue
         color, marker = next(looks)
         if curve.style == "line":
-            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=curve.label)
+            axes.plot(curve.x, curve.y, color=color, lw=1.6, label=no_formula(curve.label))
         else:
             joined = "-" if figure.logarithmic else ""
-            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=curve.label)
+            axes.plot(curve.x, curve.y, joined, color=color, marker=marker, ms=5, lw=1.2, label=no_formula(curve.label))
     for curve, dashes in zip(references.values(), itertools.cycle(("-", "--", ":", "-."))):
-        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=curve.label, zorder=5)
+        axes.plot(curve.x, curve.y, dashes, color="black", lw=1.2, label=no_formula(curve.label), zorder=5)
     if figure.logarithmic:
         axes.set(xscale="log", yscale="log")
     axes.set(xlabel=figure.x, ylabel=figure.y)

@@ -5,6 +5,7 @@ rule metrics:
     input:
         scene=SCENE,
         initial="outputs/{scene}/{level}/initial.npz",
+        eye="outputs/{scene}/{level}/eye.vtp",
         frames=all_segments(FRAMES),
     output:
         table=report(
@@ -38,7 +39,8 @@ rule metrics:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.metrics {input.scene} {input.initial} {input.frames} --output {output.table}"
-        " --summary {output.summary} --plots {output.plots} --meanings {output.meanings} 2>&1 | tee {log}"
+        " --summary {output.summary} --plots {output.plots} --meanings {output.meanings}"
+        " --eye {input.eye} 2>&1 | tee {log}"
 
 
 rule compare:

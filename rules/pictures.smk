@@ -52,3 +52,27 @@ rule movie:
     shell:
         "python -m pipeline.movie {input.images} --scene {input.scene} --output {output.movie}"
         " --animation {output.animation} --poster {output.poster} --moments {output.moments} 2>&1 | tee {log}"
+
+
+rule still:
+    input:
+        scene=SCENE,
+        eye="outputs/{scene}/{level}/eye.vtp",
+        frames=lambda w: expand(FRAMES, segment=flow.segments(w.scene, w.level)[-1], allow_missing=True),
+        surfaces=lambda w: expand(
+            "outputs/{scene}/{level}/surfaces/segment_{segment}",
+            segment=flow.segments(w.scene, w.level)[-1],
+            allow_missing=True,
+        ),
+    output:
+        "outputs/{scene}/{level}/still.png",
+    log:
+        "outputs/{scene}/{level}/logs/still.log",
+    threads: workflow.cores
+    params:
+        depends=flow.depends("still"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: draw the still of the last frame"
+    shell:
+        "python -m pipeline.still {input.scene} {input.eye} {input.frames} {input.surfaces} --output {output}"
+        " --threads {threads} 2>&1 | tee {log}"

@@ -61,6 +61,17 @@ def shown(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}".rstrip()
 
 
+def long_time(value: float) -> str:
+    """Return a time, s, in the unit that fits.
+
+    >>> long_time(5400.0), long_time(0.5)
+    ('1.5 h', '0.5 s')
+    """
+    unit, size = next(((unit, size) for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0))
+                       if value >= size), ("s", 1.0))
+    return f"{value / size:.3g} {unit}"
+
+
 def times(reach: float, scales) -> str:
     """Return a length with its size in particle spacings and the threshold from which it is seen."""
     return f"{shown(reach, 'm')} ({reach / scales.spacing:.3g} particle spacings; seen from {SEEN:g})"

@@ -419,7 +419,7 @@ FAULTS = (
           "waiting += []",
           "test_simulation_runs_again_when_the_code_of_its_effects_changes"),
     Fault("digest_scene", "a simulation does not run again when its liquids change",
-          '"simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS)',
+          '"simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS, *PLACES)',
           '"simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, "liquids")',
           "test_digest_of_a_stage_counts_what_it_reads_of_the_scene"),
     Fault("start_segment", "a segment starts from the first one, not from the one before it",

@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all, whatever ends the process or the computer."""
 import contextlib
 import errno
 import os
@@ -26,7 +26,9 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     with _naming(path, temporary):
         try:
             yield temporary
+            _to_disk(temporary)
             os.replace(temporary, path)
+            _to_disk(path.parent)
         finally:
             temporary.unlink(missing_ok=True)
 
@@ -47,6 +49,8 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
         with _naming(path, temporary):
             temporary.mkdir()
             yield temporary
+            for written in (*temporary.rglob("*"), temporary):
+                _to_disk(written)
             if path.exists():
                 # A folder cannot be replaced in one step: set the old one aside first, so that the gap stays a moment.
                 old = path.with_name(f".{path.name}.{os.getpid()}.old")
@@ -55,6 +59,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
                 shutil.rmtree(old)
             else:
                 os.replace(temporary, path)
+            _to_disk(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -69,6 +74,21 @@ def _naming(path: Path, temporary: Path) -> Iterator[None]:
         if os.fspath(name).startswith(str(temporary)) if name else error.errno in DISK_ERRORS:
             error.filename = str(path)
         raise
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until the disk holds a file, or the names in a folder.
+
+    What gets its name before the disk has its content may be empty after a loss of power.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # disks of a network that cannot be asked
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def remove_left_over(folder: str | Path) -> None:

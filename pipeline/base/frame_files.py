@@ -8,7 +8,6 @@ bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()`` (``pipelin
 import contextlib
 import dataclasses
 import os
-import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from pipeline.base.checksum import check
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.numpy_files import read_arrays, write_arrays
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 POINT_UNITS = {
@@ -26,9 +27,8 @@ POINT_UNITS = {
 }
 FIELD_UNITS = {
     "time": "s", "step": "1", "gravity": "m/s**2", "particle_spacing": "m", "fill": "m**3", "dimension": "1",
-    "wall_contacts": "1", "wall_seconds": "s", "cpu_seconds": "s",
-    "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s", "residual_maximum": "1",
-    "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
+    "wall_contacts": "1", "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s",
+    "residual_maximum": "1", "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
     "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
 }
 TEXTS = ("scene", "liquids", "units")
@@ -189,16 +189,17 @@ def read_frame(path: str | os.PathLike) -> FrameData:
 
     Raises
     ------
-    UserError : the file is missing, damaged, or no frame of this pipeline.
+    UserError : the file is missing, or no frame of this pipeline.
+    DamagedFile : its checksum does not fit.
     """
     import vtk
-    from vtkmodules.util.numpy_support import vtk_to_numpy
 
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such frame; run the simulate stage first")
     if path.suffix not in FRAME_SUFFIXES:
         raise UserError(f"{path}: a frame is a {' or '.join(FRAME_SUFFIXES)} file")
+    check(path)
     reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkXMLPolyDataReader()
     reader.SetFileName(str(path))
     with _silent_vtk():
@@ -208,15 +209,24 @@ def read_frame(path: str | os.PathLike) -> FrameData:
     fields = _named_arrays(mesh.GetFieldData())
     missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
     if reader.GetErrorCode() or missing:
-        raise UserError(f"{path}: is damaged or no frame of this pipeline"
+        raise UserError(f"{path}: is no frame of this pipeline"
                         + (f" (without {', '.join(sorted(missing))})" if missing else "") + "; run its segment again")
+    try:
+        return _from_arrays(points, fields, mesh.GetPoints())
+    except (ValueError, IndexError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is no frame of this pipeline ({error}); run its segment again") from error
+
+
+def _from_arrays(points: dict[str, np.ndarray], fields: dict[str, np.ndarray], coordinates) -> FrameData:
+    """The frame of which VTK has found the arrays and the coordinates."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
     dimension = int(fields.pop("dimension")[0])
     fields.pop("fill")
     texts = {name: fields.pop(name).tobytes().decode() for name in TEXTS}
     liquids = tuple(texts["liquids"].split("\n"))
     # VTK forgets the second axis of a single liquid.
     points["volume_fraction"] = points["volume_fraction"].reshape(-1, len(liquids))
-    coordinates = mesh.GetPoints()
     position = vtk_to_numpy(coordinates.GetData())[:, :dimension].copy() if coordinates else np.zeros((0, dimension))
     return FrameData(
         position=position, **{name: points.pop(name) for name in POINT_UNITS},
@@ -256,8 +266,8 @@ def save_checkpoint(path: str | os.PathLike, state: Mapping[str, object]) -> Non
         arrays[name] = np.asarray(value)
         if arrays[name].dtype == object:
             raise TypeError(f"checkpoint entry {name!r} is a {type(value).__name__}; only arrays, numbers and strings")
-    with replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, **arrays)
+    with replacing(path) as partial:
+        write_arrays(partial, arrays)
 
 
 def load_checkpoint(path: str | os.PathLike) -> dict[str, object]:
@@ -265,13 +275,10 @@ def load_checkpoint(path: str | os.PathLike) -> dict[str, object]:
 
     Raises
     ------
-    UserError : the file is missing, truncated or damaged.
+    UserError : the file is missing.
+    DamagedFile : its checksum does not fit.
     """
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such checkpoint; run the segment before this one first")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name][()] for name in archive.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
-        raise UserError(f"{path}: the checkpoint is damaged ({error}); delete it and run its segment again") from error
+    return {name: array[()] for name, array in read_arrays(path).items()}

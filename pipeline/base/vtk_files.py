@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pyvista
 
+from pipeline.base.checksum import append_checksum, check
+
 
 def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
-    """Write poly data (.vtp), an unstructured grid (.vtu) or an image (.vti), raw appended.
+    """Write poly data (.vtp), an unstructured grid (.vtu) or an image (.vti), raw appended, with a checksum at the end.
 
     Parameters
     ----------
@@ -40,6 +42,18 @@ def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
         raise OSError(f"{path}: VTK could not encode the file")
     content: Any = writer.GetOutputString()  # bytes, whatever its annotation says
     Path(path).write_bytes(content)
+    append_checksum(path)
+
+
+def read_vtk(path: str | Path):
+    """Read what :func:`write_vtk` has written, as an object of pyvista.
+
+    Raises
+    ------
+    DamagedFile : the checksum of the file does not fit.
+    """
+    check(path)
+    return pyvista.read(path)
 
 
 def set_text(data, name: str, text: str | Iterable[str]) -> None:

@@ -1,4 +1,6 @@
-"""Numbers as people read them."""
+"""Numbers and texts as people read them."""
+
+LONGEST = 80  # of a text in a message
 
 
 def duration(value: float) -> str:
@@ -20,3 +22,18 @@ def memory(value: float) -> str:
     '3 MiB'
     """
     return f"{value / 2**20:.0f} MiB" if value < 2**30 else f"{value / 2**30:.3g} GiB"
+
+
+def printable(text: str, longest: int = LONGEST) -> str:
+    """Return a text of a file as a message shows it: in one line, without what steers a terminal, and not endless.
+
+    >>> print(printable("two\\nlines"), printable("x" * 100, 3))
+    two\\nlines xxx...
+    """
+    shown = text if len(text) <= longest else f"{text[:longest]}..."
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in shown)
+
+
+def no_formula(text: str) -> str:
+    """Return a text that matplotlib draws as it stands, be there dollar signs in it; its lines can be wrapped."""
+    return text.replace("$", r"\$")

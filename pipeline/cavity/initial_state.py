@@ -1,11 +1,11 @@
 """The file ``initial.npz``: liquid and wall particles at the start, and the signed distance to the wall."""
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.numpy_files import read_arrays, write_arrays
 from pipeline.cavity.signed_distance_grid import SignedDistance
 
 
@@ -31,7 +31,7 @@ NAMES = ("fluid_position", "fluid_volume", "wall_position", "wall_volume", "wall
 
 def save_initial(path: str | Path, arrays: dict[str, Any]) -> None:
     """Write ``initial.npz``."""
-    np.savez(path, **arrays)
+    write_arrays(path, arrays)
 
 
 def load_initial(path: str | Path) -> dict[str, np.ndarray]:
@@ -39,12 +39,12 @@ def load_initial(path: str | Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    UserError : the file is missing, damaged, or of another kind.
+    UserError : the file is missing, or of another kind.
+    DamagedFile : its checksum does not fit.
     """
     if not Path(path).is_file():
         raise UserError(f"{path}: no such file; run the voxelize stage first")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in NAMES}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: is damaged or not written by the voxelize stage ({error}); run it again") from error
+    arrays = read_arrays(path)
+    if missing := [name for name in NAMES if name not in arrays]:
+        raise UserError(f"{path}: is not written by the voxelize stage (without {', '.join(missing)}); run it again")
+    return {name: arrays[name] for name in NAMES}

@@ -2,6 +2,9 @@
 import contextlib
 import dataclasses
 import logging
+import subprocess
+import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,21 +15,25 @@ import pyvista
 import trimesh
 
 from pipeline.base.errors import UserError
+from pipeline.cavity import vtk_reader
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
+from pipeline.cavity.vtk_reader import outer_surface
+from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
 
-TRIMESH_FORMATS = (".stl", ".obj", ".ply")
-VTK_FORMATS = (".vtk", ".vtp", ".vtu")
+TRIMESH_FORMATS = (".obj", ".ply")
+VTK_FORMATS = (".stl", ".vtk", ".vtp", ".vtu")
 MESHIO_FORMATS = (".msh",)
 FORMATS = TRIMESH_FORMATS + VTK_FORMATS + MESHIO_FORMATS
 SMALLEST_SIZE, LARGEST_SIZE = 15e-3, 40e-3          # largest outer dimension of a cavity, m
 SMALLEST_DEPTH = 10e-3                              # smallest one: lens to retina is 13 mm in a short eye
-SMALLEST_VOLUME, LARGEST_VOLUME = 2e-6, 12e-6       # cavity volume, m3; eyes of 20 to 32 mm hold 3.3 to 10 mL
 WELD_DIGITS = 7                 # vertices that agree to 0.1 um are one
 DEBRIS_AREA = 0.05              # pieces that together have less of the area are dropped, larger ones refused
 LARGEST_HOLE = 2.5e-3           # width of a hole that is closed, m: a flat lid there is less than 0.1 mm off
 LARGEST_OFFSET = 3e-3           # a mesh whose globe center is farther from the origin is moved there, m
 SELF_CROSSING = 0.02            # disagreement of two kinds of volume that shows a surface crossing itself
+MOST_TRIANGLES = 200_000        # of an eye they are 0.14 mm wide, finer than any spacing that a computer can afford
+LEAST_SPHERICITY = 0.88         # eyes of all lens states and lengths have 0.93 to 0.99, a cylinder 0.87, a cube 0.81
 
 
 class MeshRefused(UserError):
@@ -40,10 +47,11 @@ class MeshRefused(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class ImportedMesh:
-    """A closed surface in m with outward normals and the sentences that say what was repaired."""
+    """A closed surface in m with outward normals, and sentences: what was repaired, and what is unlike an eye."""
 
     mesh: trimesh.Trimesh
     repairs: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> ImportedMesh:
@@ -63,13 +71,17 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
     vertices, faces = read_triangles(Path(path))
     if not len(faces):
         raise UserError(f"{path} (eye.path): holds no triangles, but a closed surface is needed")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise UserError(f"{path} (eye.path): is damaged (a triangle has a corner that is not there), export or copy it "
+                        "again")
     if not np.isfinite(vertices).all():
         raise UserError(f"{path} (eye.path): {np.sum(~np.isfinite(vertices).all(axis=1))} vertices are not finite "
                         "numbers, export the surface again")
     if not force:
         check_unit(path, np.ptp(vertices[np.unique(faces)], axis=0), unit)
-    mesh = trimesh.Trimesh(MESH_UNITS[unit] * vertices, faces, process=False)
-    mesh, repairs = repair(mesh, str(path))
+    vertices, faces, coarsened = coarsen(MESH_UNITS[unit] * vertices, faces)
+    mesh, repairs = repair(trimesh.Trimesh(vertices, faces, process=False), str(path))
+    repairs = coarsened + repairs
     if not force and not SMALLEST_VOLUME <= mesh.volume <= LARGEST_VOLUME:
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
                         "eye's (eye.force: true accepts any volume)")
@@ -78,7 +90,21 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
         mesh.apply_translation(-offset)
         repairs.append("moved the center of the globe to the origin, from "
                        f"({', '.join(f'{1e3 * value:.1f}' for value in offset)}) mm")
-    return ImportedMesh(mesh, tuple(repairs))
+    return ImportedMesh(mesh, tuple(repairs), tuple(unlike_an_eye(mesh, str(path))))
+
+
+def unlike_an_eye(mesh: trimesh.Trimesh, name: str) -> list[str]:
+    """Sentences on a shape that no vitreous cavity has; `name` begins them."""
+    found = []
+    handles = (2 - mesh.euler_number) // 2
+    if handles:
+        found.append(f"{name} (eye.path): the surface has {handles} handle{'s' * (handles > 1)}, like a ring, but the "
+                     "cavity of an eye has none")
+    sphericity = np.pi ** (1.0 / 3.0) * (6.0 * abs(mesh.volume)) ** (2.0 / 3.0) / mesh.area
+    if sphericity < LEAST_SPHERICITY:
+        found.append(f"{name} (eye.path): the surface has a sphericity of {sphericity:.2f}, but the cavity of an eye "
+                     f"has more than 0.93 (a cube has 0.81)")
+    return found
 
 
 def globe_center(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -99,13 +125,12 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if suffix in TRIMESH_FORMATS:
             mesh = trimesh.load(path, force="mesh", process=False)
             return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-        with _silent_readers():
-            data = pyvista.read(path) if suffix in VTK_FORMATS else pyvista.from_meshio(meshio.gmsh.read(path))
-        if isinstance(data, pyvista.UnstructuredGrid) and (data.celltypes >= pyvista.CellType.TETRA).any():
-            data = data.extract_cells(data.celltypes >= pyvista.CellType.TETRA)     # the triangles beside are patches
-        surface = data.extract_surface(algorithm=None).triangulate()
+        if suffix in VTK_FORMATS:
+            return _read_by_vtk(path)
+        with _silent_reader():
+            surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
         return np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
-    except OSError:
+    except (OSError, UserError):
         raise
     # The readers raise anything from ValueError to their own kinds; all mean that the content is not of this format.
     except Exception as error:
@@ -114,9 +139,73 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
                         f"({reason[0] if reason else type(error).__name__})") from error
 
 
+def refuse_cut_short(path: Path) -> None:
+    """Raise when an STL file ends before its last triangle: readers take what there is, or nothing."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(84)
+        file.seek(max(size - 1024, 0))
+        tail = file.read()
+    announced = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
+    if head.lstrip().startswith(b"solid") and size != 84 + 50 * announced:
+        if b"endsolid" not in tail:
+            raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
+                            "it again")
+    elif size < 84:
+        raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "
+                        "again")
+    elif size < 84 + 50 * announced:
+        raise UserError(f"{path} (eye.path): is cut short (it announces {announced} triangles and holds "
+                        f"{(size - 84) // 50}), export or copy it again")
+
+
+def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Reduce triangles far below any particle spacing; a closed surface stays closed.
+
+    Parameters
+    ----------
+    vertices, faces : (n, 3), m, and (m, 3).
+
+    Returns
+    -------
+    Both of the coarser surface, and the sentence that says so; unchanged up to ``MOST_TRIANGLES``.
+    """
+    if len(faces) <= MOST_TRIANGLES:
+        return vertices, faces, []
+    from vtkmodules.vtkFiltersCore import vtkDecimatePro, vtkStaticCleanPolyData
+
+    weld = vtkStaticCleanPolyData()  # what is not joined cannot be reduced
+    weld.SetInputData(pyvista.make_tri_mesh(vertices, faces))
+    weld.ToleranceIsAbsoluteOn()
+    weld.SetAbsoluteTolerance(10.0**-WELD_DIGITS)
+    reduce = vtkDecimatePro()
+    reduce.SetInputConnection(weld.GetOutputPort())
+    reduce.SetTargetReduction(1.0 - MOST_TRIANGLES / len(faces))
+    reduce.PreserveTopologyOn()
+    reduce.BoundaryVertexDeletionOff()  # holes keep their outline
+    reduce.Update()
+    surface = pyvista.wrap(reduce.GetOutput())
+    coarse = np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
+    return *coarse, [f"reduced {len(faces)} triangles to {len(coarse[1])}, far finer than the particles"]
+
+
+def _read_by_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What :func:`read_triangles` returns, read in a process of its own, for damaged files crash VTK."""
+    if path.suffix.lower() == ".stl":
+        refuse_cut_short(path)
+    with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
+        target = Path(folder) / "triangles.npz"
+        done = subprocess.run([sys.executable, vtk_reader.__file__, path, target], capture_output=True, text=True)
+        if done.returncode:
+            reason = done.stderr.strip().splitlines()
+            raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
+        with np.load(target) as found:
+            return found["vertices"], found["faces"]
+
+
 @contextlib.contextmanager
-def _silent_readers() -> Iterator[None]:
-    """Keep VTK's complaints about a broken file off the screen: the user gets one sentence instead."""
+def _silent_reader() -> Iterator[None]:
+    """Keep complaints about a broken file off the screen: the user gets one sentence instead."""
     disabled = logging.root.manager.disable
     with pyvista.vtk_verbosity("off"), warnings.catch_warnings(action="ignore"):
         logging.disable(logging.CRITICAL)

@@ -5,8 +5,9 @@ Origin in the center of the globe, x to the patient's left, y superior, z anteri
 import numpy as np
 
 from pipeline.scenes.eye_shape import LENS_EDGE, LENS_RADIUS, EyeShape
+from pipeline.scenes.retina import ORA
 
-RETINA_ANGLE = np.radians(115.0)  # from the posterior pole to the ora serrata
+RETINA_ANGLE = np.radians(ORA)
 MACULA_RADIUS = 2.75e-3           # m, disc at the posterior pole
 REGIONS = ("retina", "macula", "pars_plana", "ciliary_body", "lens")  # the retina is that around the macula
 MESH_REGIONS = ("retina", "macula", "anterior")  # of a user's mesh, whose lens is not known

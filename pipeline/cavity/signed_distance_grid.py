@@ -92,10 +92,16 @@ def distance_of_mesh(mesh: trimesh.Trimesh, cell: float, margin: float) -> Signe
     """
     lower, upper = mesh.bounds
     origin, counts = grid_nodes(lower, upper, cell, margin)
+    return distance_at_nodes(mesh, origin, counts, cell, margin)
+
+
+def distance_at_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndarray, cell: float,
+                      band_width: float) -> SignedDistance:
+    """Signed distance to a closed triangle mesh at the nodes of a given grid, exact in a band on both sides."""
     inside = inner_nodes(mesh, origin, counts, cell)
     depth = np.where(inside, -distance_transform_edt(inside), distance_transform_edt(~inside))
     values = cell * (depth - 0.5 * np.sign(depth))      # the surface lies between an inner and an outer node
-    band = np.argwhere(np.abs(values) <= margin + cell)
+    band = np.argwhere(np.abs(values) <= band_width + cell)
     exact = distance_to_triangles(mesh, origin + cell * band, longest_edge=2.0 * cell)
     index = tuple(band.T)
     values[index] = np.where(inside[index], -exact, exact)

@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.vtk_files import set_text, write_vtk
+from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
 from pipeline.cavity.mesh_import import import_mesh
 from pipeline.cavity.regions import MESH_REGIONS, REGIONS, regions_of
 from pipeline.scenes.eye_shape import EyeShape, eye_mesh, eye_shape, published_volume
@@ -39,7 +39,8 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
     if not eye.path:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
     imported = import_mesh(eye.path, eye.unit, eye.force)
-    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs)}
+    return imported.mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
+                           "warnings": list(imported.warnings)}
 
 
 def write_container(container: Container, path: Path) -> dict:
@@ -89,7 +90,7 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
-    surface = pyvista.read(path)
+    surface = read_vtk(path)
     mesh = trimesh.Trimesh(surface.points, surface.regular_faces, process=False)
     if not mesh.is_watertight:
         raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")

@@ -12,7 +12,7 @@ from pipeline.cavity.regions import retina_parts
 from pipeline.equilibrium.rest import Rest
 from pipeline.equilibrium.star_cavity import StarCavity
 
-NEAREST = 8             # segments of the contact line, and triangles, tried for a point
+NEAREST = 8             # segments of the contact line tried for a point
 NO_LINE = 1.0           # m: the distance to the line where there is none
 
 
@@ -104,22 +104,3 @@ def shares(contact: Contact) -> dict[str, float]:
     """Return the covered shares of the wall and of the parts of the retina."""
     masks = retina_masks(contact.cavity)
     return {"wall": contact.share()} | {name: contact.share(mask) for name, mask in masks.items()}
-
-
-def interpolation(cavity: StarCavity, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (k, 3) int of the triangles that rays from the origin meet, and the weights (k, 3) of the corners.
-
-    Parameters
-    ----------
-    direction : (k, 3), of rays that leave the cavity once.
-    """
-    corners = cavity.wall[cavity.faces]
-    middle = corners.mean(axis=1)
-    tree = cKDTree(middle / np.linalg.norm(middle, axis=1, keepdims=True))
-    near = tree.query(direction, k=NEAREST)[1]
-    weights = np.linalg.solve(np.moveaxis(corners[near], -1, -2),
-                              np.broadcast_to(direction[:, None, :, None], (*near.shape, 3, 1)))[..., 0]
-    weights /= weights.sum(axis=-1, keepdims=True)
-    best = weights.min(axis=-1).argmax(axis=1)
-    row = np.arange(len(direction))
-    return cavity.faces[near[row, best]], weights[row, best]

@@ -5,6 +5,7 @@ the other distances and the pressure together; what the step would push through 
 Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
+import functools
 import logging
 
 import numpy as np
@@ -25,6 +26,7 @@ LARGEST_CHANGE = 0.1    # of the volume in a step, over the volume: a start may 
 JOINING = 6             # times that distances join those that stay at the wall, in one step
 DRAWN_IN = 0.999        # of the wall: a start in a full cavity
 CLOSEST = 0.01          # of the wall: oil that comes nearer to the viewpoint is not seen from it, and no shape
+SHELLS = 40             # of the other liquid, along a ray
 FIRST_PRESSURE = 2.0    # of the oil over the other liquid: of a ball with the tension
 
 
@@ -57,6 +59,8 @@ class Rest:
     depth : (n,), m, along the wall to the contact line: positive where the oil touches. Known near the line only.
     fill : share of the cavity that is oil.
     energy : over tension times the square of the length; to compare shapes of one fill with.
+    pressure : of the oil over the other liquid at the viewpoint, Pa; only that of a settled shape means something.
+    pull : (3,) Pa/m, how this pressure falls off from there.
     settled : whether the last step was as small as it should be, and the viewpoint is in the oil.
     """
 
@@ -65,12 +69,51 @@ class Rest:
     depth: np.ndarray
     fill: float
     energy: float
+    pressure: float
+    pull: np.ndarray
     settled: bool
 
     @property
     def surface(self) -> np.ndarray:
         """Points of the surface of the oil, (n, 3), m."""
         return self.cavity.viewpoint + self.distance[:, None] * self.cavity.direction
+
+    def contact_pressure(self, point: np.ndarray) -> np.ndarray:
+        """Pressure of the oil over that of the other liquid at points (..., 3) in m, Pa. (R9)"""
+        return self.pressure - (point - self.cavity.viewpoint) @ self.pull
+
+    @functools.cached_property
+    def other(self) -> "Cloud":
+        """The other liquid, between the oil and the wall."""
+        cavity = self.cavity
+        angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
+        gap = (cavity.radius - self.distance)[:, None]
+        distance = self.distance[:, None] + gap * (np.arange(SHELLS) + 0.5) / SHELLS
+        position = cavity.viewpoint + distance[..., None] * cavity.direction[:, None]
+        return Cloud(position.reshape(-1, 3), (angle[:, None] * distance**2 * gap).ravel())
+
+
+@dataclasses.dataclass(frozen=True)
+class Cloud:
+    """Points that make up a body of liquid.
+
+    Attributes
+    ----------
+    position : (k, 3), m.
+    volume : (k,), m3, that each of them stands for.
+    """
+
+    position: np.ndarray
+    volume: np.ndarray
+
+    @property
+    def center(self) -> np.ndarray:
+        """Center of mass, (3,), m."""
+        return self.volume @ self.position / self.volume.sum()
+
+    def share(self, mask: np.ndarray) -> float:
+        """Return the share of the volume in a mask (k,)."""
+        return float(self.volume[mask].sum() / self.volume.sum())
 
 
 def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
@@ -89,11 +132,18 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
     first = fill ** (1.0 / 3.0) * energy.radius if start is None else np.minimum(start / length, energy.radius)
     if (first >= energy.radius).all():  # a full cavity leaves nothing free to move
         first = DRAWN_IN * energy.radius
-    distance, settled = _minimize(energy, fill * energy.volume(energy.radius), first)
+    distance, pressure, settled = _minimize(energy, fill * energy.volume(energy.radius), first)
     depth = length * energy.wetting.depth_in_oil(energy.gap(distance))
     if not settled:
         LOG.info("the shape of %.4g %% oil did not come to rest in %d steps", 100.0 * fill, STEPS)
-    return Rest(cavity, length * distance, depth, fill, energy.value(distance), settled)
+    return Rest(cavity, length * distance, depth, fill, energy.value(distance), liquids.tension / length * pressure,
+                liquids.density_difference * liquids.gravity * np.asarray(down, float), settled)
+
+
+def least_at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
+    """Return the shape of less energy of those from the oil drawn together, and from the oil at the wall."""
+    rests = [at_rest(cavity, liquids, down, fill, start) for start in (None, cavity.radius)]
+    return min(rests, key=lambda rest: (not rest.settled, rest.energy))
 
 
 def refined_start(coarse: Rest, fine: StarCavity, cuts: int) -> np.ndarray:
@@ -102,8 +152,8 @@ def refined_start(coarse: Rest, fine: StarCavity, cuts: int) -> np.ndarray:
     return np.append(share, share[parents(cuts)].mean(axis=1)) * fine.radius
 
 
-def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Distances of least energy at a volume, and whether they have settled."""
+def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.ndarray, float, bool]:
+    """Distances of least energy at a volume, the pressure that goes with them, and whether they have settled."""
     pressure, damping, stiffness = FIRST_PRESSURE, DAMPING, STIFFNESS / volume
     now, missing = energy.value(distance), volume - energy.volume(distance)
     for _ in range(STEPS):
@@ -125,8 +175,8 @@ def _minimize(energy: Energy, volume: float, distance: np.ndarray) -> tuple[np.n
         distance, pressure, now, missing = tried, pressure + rise, value, left
         damping = max(damping / 3.0, LEAST_DAMPING)
         if change < SETTLED and abs(missing) < VOLUME_ERROR * volume:
-            return distance, bool((distance > CLOSEST * energy.radius).all())
-    return distance, False
+            return distance, pressure, bool((distance > CLOSEST * energy.radius).all())
+    return distance, pressure, False
 
 
 def _step(energy: Energy, distance: np.ndarray, bend, force: np.ndarray, swell: np.ndarray,

@@ -20,6 +20,7 @@ HALVINGS, SIGHTINGS = 45, 300   # of the bisection; points looked at along every
 SMALLEST_COSINE = 0.05          # between the ray and the normal of the wall: below, a shape cannot be told
 CELL = 0.2e-3                   # m, of the signed distance of a user's mesh
 VIEWPOINTS = np.linspace(-0.6, 0.2, 9)  # tried along the optic axis, over the half length of the cavity
+STEEP_ENOUGH = 0.35             # cosine, of a viewpoint near the front
 
 Level = Callable[[np.ndarray], np.ndarray]
 
@@ -115,8 +116,12 @@ def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:
     return (lambda points: distance.sample(points.reshape(-1, 3)).reshape(points.shape[:-1])), mesh.bounds
 
 
-def cavity_of(eye: Eye, cuts: int = DRAFT) -> StarCavity:
+def cavity_of(eye: Eye, cuts: int = DRAFT, *, from_front: bool = False) -> StarCavity:
     """Return the cavity of an eye, seen from the point of its axis that meets the wall least aslant.
+
+    Parameters
+    ----------
+    from_front : seen from the foremost point that does not meet it too aslant: what lies in the front has it within.
 
     Raises
     ------
@@ -131,7 +136,7 @@ def cavity_of(eye: Eye, cuts: int = DRAFT) -> StarCavity:
         except UserError as error:
             refusal = error
             continue
-        if best is None or found.slope.min() > best.slope.min():
+        if best is None or found.slope.min() > best.slope.min() or (from_front and found.slope.min() > STEEP_ENOUGH):
             best = found
     if best is None:
         raise refusal

@@ -187,4 +187,5 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
         "colors": {liquid.name: [round(int(liquid.color[k:k + 2], 16) / 255, 3) for k in (1, 3, 5)]
                    for liquid in scene.liquids},
     }
-    return SCRIPT.replace("@scene@", json.dumps(facts, indent=4)).replace("@folder@", repr(str(folder)))
+    words = json.dumps(facts, indent=4, ensure_ascii=False)
+    return SCRIPT.replace("@folder@", repr(str(folder))).replace("@scene@", words)

@@ -3,7 +3,7 @@
 The parts are the files that the stages have written; only the interface is written here. Parts:
 ``particles``; the closed surface of every liquid, under the name of the liquid; ``interface``, the surfaces of all
 liquids but the one around them, without what lies at the wall; ``wall``, the cavity, of an eye with its regions and
-with what touches it; ``section``, of an eye.
+with what touches it; ``section``, of an eye; ``places``, its breaks and the regions that the scene names.
 """
 import dataclasses
 import json
@@ -17,10 +17,13 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames
 from pipeline.base.vtk_files import set_text, write_vtk
+from pipeline.cavity.rays import interpolation
 from pipeline.scenes.model import Scene
+from pipeline.scenes.retina import direction, globe_radius
 from pipeline.surfaces.surface_files import read_surface, surface_path
 
 AT_WALL = 0.1  # depth in particle spacings up to which a surface lies at the wall
+PLACE_STEP, BEFORE_WALL = 2.0, 0.995  # degrees between points of a place, at most; so much nearer to the center
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +36,7 @@ class SavedFrame:
     surfaces: Path
 
     def parts(self, scene: Scene, wall: Path) -> dict[str, Path]:
-        """Return the files by the names of the parts, without the interface."""
+        """Return the files by the names of the parts, without the interface and the places."""
         found = {"particles": self.particles}
         found |= {liquid.name: surface_path(self.surfaces, self.name, liquid.name) for liquid in scene.liquids}
         section = self.surfaces / f"{self.name}_section.vti"
@@ -93,6 +96,36 @@ def write_interface(path: Path, frame: SavedFrame, scene: Scene) -> None:
     write_vtk(merged, path)
 
 
+def write_places(path: Path, scene: Scene, wall: Path) -> bool:
+    """Write the breaks and regions of a scene as quadrilaterals just before its wall; tell whether it has any."""
+    import pyvista
+
+    if not scene.breaks and not scene.regions:
+        return False
+    eye = read_surface(wall)
+    points, faces = np.asarray(eye.points, float), eye.regular_faces
+    names: list[str] = []
+    corners, quads, number, count = [], [], [], 0
+    for kind, patches in scene.patches(globe_radius(points)).items():
+        for name, patch in patches.items():
+            meridian, latitude, _ = patch.grid(PLACE_STEP)
+            corner, weight = interpolation(points, faces, direction(meridian, latitude))
+            rows = len(np.unique(latitude))
+            index = (count + np.arange(len(meridian))).reshape(rows, -1)
+            count += len(meridian)
+            cells = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+            corners.append(BEFORE_WALL * np.einsum("kc,kcx->kx", weight, points[corner]))
+            quads.append(cells)
+            number.append(np.full(len(cells), len(names), np.int32))
+            names.append(f"{kind.removesuffix('s')}_{name}")
+    mesh = pyvista.PolyData.from_regular_faces(np.concatenate(corners).astype(np.float32), np.concatenate(quads))
+    mesh.cell_data["place"] = np.concatenate(number)
+    set_text(mesh, "places", names)
+    set_text(mesh, "units", ("points: m",))
+    write_vtk(mesh, path)
+    return True
+
+
 def write_blocks(path: Path, parts: Mapping[str, Path], final: Path) -> None:
     """Write a VTK multi-block file (``.vtm``) that names its parts.
 
@@ -114,7 +147,9 @@ def relative(path: Path, folder: Path) -> str:
 
 def write_parts(folder: Path, final: Path, frames: Sequence[SavedFrame], scene: Scene, wall: Path) -> None:
     """Write the interface and the list of parts of every frame into ``folder``, which will be renamed to ``final``."""
+    places = write_places(folder / "places.vtp", scene, wall)
     for frame in frames:
         write_interface(folder / f"{frame.name}_interface.vtp", frame, scene)
         parts = frame.parts(scene, wall) | {"interface": final / f"{frame.name}_interface.vtp"}
+        parts |= {"places": final / "places.vtp"} if places else {}
         write_blocks(folder / f"{frame.name}.vtm", parts, final)

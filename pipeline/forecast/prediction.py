@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from pipeline.base.usage import KINDS
+from pipeline.base.words import duration
 from pipeline.forecast.expected_error import ExpectedError, expected_errors
 from pipeline.forecast.probe import ROUNDS, SETTLING
 from pipeline.scenes.model import Scene
@@ -98,7 +99,7 @@ def predict(scene: Scene, measured: Mapping, cores: int | None = None) -> Predic
         scene.output.duration / steps, steps, mean("pressure_iterations"), mean("viscosity_iterations"), seconds, start,
         measured["compilation"], total(scene, seconds, min(cores or available_cores(), available_cores())),
         max(measured["memory"], *(stage["memory"] for stage in measured["stages"].values())), disk,
-        sum(phase["steps"] for phase in probe["phases"]), tuple(notes(scene, measured)),
+        sum(phase["steps"] for phase in probe["phases"]), (*notes(scene, measured), *asked_back(scene, seconds)),
         tuple(expected_errors(scene, width)))
 
 
@@ -145,6 +146,13 @@ def growth(scene: Scene, measured: Mapping) -> float:
     more, fewer = map(sum, zip(*pairs, strict=True))
     power = math.log(more / fewer) / math.log(coarse["spacing"] / fine["spacing"])
     return (fine["spacing"] / scene.numerics.particle_spacing) ** power
+
+
+def asked_back(scene: Scene, seconds: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield a sentence where the simulation takes longer than its scene allows."""
+    if seconds["simulate"]["wall"] > scene.allowed_time:
+        yield (f"the simulation takes longer than allowed_time, {duration(scene.allowed_time)}, and will be refused "
+               "until the scene allows more")
 
 
 def notes(scene: Scene, measured: Mapping) -> Iterator[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.coverage import WallContact
+from pipeline.measures.places import Places
 from pipeline.scenes.effects import droplets_of, known_by_an_effect
 from pipeline.scenes.model import Scene
 
@@ -21,11 +22,13 @@ class Measured:
     scene : the resolved scene.
     initial : arrays of ``initial.npz``.
     frame : one frame.
+    places : breaks and regions on the wall; None where nothing asks for them.
     """
 
     scene: Scene
     initial: dict[str, np.ndarray]
     frame: FrameData
+    places: Places | None = None
 
     @functools.cached_property
     def oil(self) -> int:
@@ -78,6 +81,11 @@ class Measured:
         return WallContact.of(self.initial, self.frame.position, self.oil_fraction,
                               particle_spacing=self.frame.particle_spacing, support_radius=self.support_radius,
                               contact_angle=self.contact_angle)
+
+    @functools.cached_property
+    def contact_distance(self) -> np.ndarray:
+        """Distance to the edge of what the oil touches at the vertices of the wall of ``places``, (v,), m."""
+        return self.places.mapper.map(self.wall).contact_distance
 
     @property
     def contact_angle(self) -> float | None:

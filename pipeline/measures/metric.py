@@ -2,7 +2,7 @@
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,12 @@ class Metric:
     of_eye : whether it says something about an eye only, and a container goes without it.
     of_mixture : whether it says something only where liquids mix, and other scenes go without it.
     of_rotation : the same for eyes that turn.
+    of_places : places in a scene that it is about, "breaks" or "regions"; scenes without any go without it.
     effect : the effect whose own measure it is; other scenes go without it.
     place : order of interest, the smallest first on the page and among the plots.
     uncertainty : name of the metric whose half, part by part, is the uncertainty of this one, drawn as a band.
     limits : ends of the axis; without them it follows the numbers.
+    yes_or_no : whether it is 1, 0 or, where that is uncertain, 1/2; drawn as a bar over time.
     """
 
     name: str
@@ -42,9 +44,11 @@ class Metric:
     of_mixture: bool = False
     of_rotation: bool = False
     effect: str | None = None
+    of_places: str = ""
     place: int = LAST
     uncertainty: str | None = None
     limits: tuple[float, float] | None = None
+    yes_or_no: bool = False
 
     def columns(self, state: Measured) -> dict[str, float]:
         """Return the numbers of one frame by their column, such as ``volume_aqueous [mL]``."""
@@ -57,14 +61,16 @@ class Metric:
         """Whether the metric has a meaning in a scene."""
         return ((not self.of_mixture or does(scene, MIXES)) and (not self.of_eye or scene.container is None)
                 and (not self.of_rotation or bool(effects_that(scene, "turns_eye")))
-                and (self.effect is None or self.effect in scene.effects))
+                and (self.effect is None or self.effect in scene.effects)
+                and (not self.of_places or bool(getattr(scene, self.of_places))))
 
 
-def write_meanings(path: Path, metrics: Iterable[Metric]) -> None:
-    """Write what metrics mean, all but their functions, for whoever reads their table."""
+def write_meanings(path: Path, metrics: Iterable[Metric], breaks: Sequence[Mapping] = ()) -> None:
+    """Write what metrics mean, all but their functions, and when breaks were covered, for whoever reads their table."""
     records = [{field.name: getattr(one, field.name) for field in dataclasses.fields(Metric)
                 if field.name != "function"} for one in metrics]
-    write_text(path, json.dumps(records, indent=1, ensure_ascii=False) + "\n")
+    text = json.dumps({"metrics": records, "breaks": list(breaks)}, indent=1, ensure_ascii=False)
+    write_text(path, f"{text}\n")
 
 
 def read_meanings(path: Path) -> list[Metric]:
@@ -78,8 +84,8 @@ def read_meanings(path: Path) -> list[Metric]:
         raise TypeError(f"{path} says what was measured, not how")
 
     try:
-        return [Metric(function=none, **record) for record in json.loads(path.read_text(encoding="utf-8"))]
-    except (OSError, ValueError, TypeError) as error:
+        return [Metric(function=none, **record) for record in json.loads(path.read_text(encoding="utf-8"))["metrics"]]
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise UserError(f"{path}: cannot be read ({error}); run the metrics stage again, with --meanings") from error
 
 

@@ -88,7 +88,7 @@ class Shown:
     @property
     def constant(self) -> bool:
         """Whether no curve changes, so that there is nothing to draw."""
-        return all(curve.constant for curve in self.curves)
+        return not self.metric.yes_or_no and all(curve.constant for curve in self.curves)
 
 
 def columns_by_metric(table: Iterable[str], metrics: Iterable) -> dict[str, dict[str, str]]:

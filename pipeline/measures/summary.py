@@ -7,19 +7,21 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.files import write_text
+from pipeline.measures.place_course import EXPLAINED, HEADS, IN_A_LAPSE, Course
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.model import Scene
 
 
 def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.ndarray], scene: Scene,
-                  sheet: bytes) -> None:
+                  sheet: bytes, courses: Sequence[Course] = ()) -> None:
     """Write a page with one row per column that changes, and a table of those that do not.
 
     Parameters
     ----------
     shown : metrics in the order of interest.
     sheet : the plots that matter most, as PNG.
+    courses : of the breaks of the scene.
     """
     title = scene.title or scene.name
     write_text(path, page.page(f"{title}: metrics", [
@@ -27,6 +29,7 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
         page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
                        f"{1e3 * scene.numerics.particle_spacing:g} mm."),
         page.paragraph(rest_in_words(table).capitalize()),
+        *breaks_over_time(courses),
         page.picture(sheet, f"{title}: the metrics that matter most over time"),
         page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "
                        "the contact line, as are the bands in the plots."),
@@ -34,6 +37,15 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
         *([page.section("Constant"), page.paragraph("Within the digits shown these do not change, and have no plot."),
            constant(shown)] if any(one.constant for one in shown) else []),
     ], heading=title, path=path))
+
+
+def breaks_over_time(courses: Sequence[Course]) -> list[Markup]:
+    """Return a table of when breaks were covered, and what its numbers are; nothing without any."""
+    if not courses:
+        return []
+    lapse = any(course.second_means not in (None, 1.0) for course in courses)
+    return [page.table(HEADS, [course.cells() for course in courses], words=(1,)),
+            page.paragraph(EXPLAINED, IN_A_LAPSE if lapse else "")]
 
 
 def changing(shown: Sequence[Shown]) -> Markup:

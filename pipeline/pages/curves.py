@@ -32,7 +32,7 @@ def curves(shown: Sequence[Shown], time: np.ndarray, events: Sequence[Event]) ->
             draw(axes, one, time, events)
             axes.set_xlabel("simulated time [s]")
             axes.set_title(one.label, loc="left", fontsize=10)
-            if len(one.curves) > 1:
+            if len(one.curves) > 1 and not one.metric.yes_or_no:
                 figure.legend(loc="outside lower left", ncols=3, frameon=False, fontsize=8)
             file = io.BytesIO()
             figure.savefig(file, format="svg", metadata={"Date": None})

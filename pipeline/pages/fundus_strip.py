@@ -9,6 +9,7 @@ from pipeline.pages.scrubber import data_url, webp
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
 from pipeline.pictures.moments import evenly_chosen
+from pipeline.scenes.retina import globe_radius
 
 MOMENTS = 6
 SIZE = 300  # pixels
@@ -20,7 +21,10 @@ def fundus_strip(run: Run) -> Iterator[tuple[str, str]]:
     for path in evenly_chosen(run.pictures, MOMENTS):
         wall = run.wall_of(path)
         if maps is None:
-            maps = FundusMap(np.asarray(wall.points, float), (OVERSAMPLING * SIZE, OVERSAMPLING * SIZE),
-                             right_eye=scene.eye.side == "right", captions=False)
+            points = np.asarray(wall.points, float)
+            maps = FundusMap(points, (OVERSAMPLING * SIZE, OVERSAMPLING * SIZE),
+                             right_eye=scene.eye.side == "right", captions=False,
+                             outlines={name: one.outline() for name, one in
+                                       scene.patches(globe_radius(points))["breaks"].items()})
         drawn: Image.Image = maps.draw(wall, uncertain=0.5 * scene.numerics.particle_spacing)
         yield clock(run.time_of(path), scene.output.second_means), data_url(webp(reduce(drawn)), "image/webp")

@@ -14,9 +14,10 @@ from pipeline.base.usage import KINDS
 from pipeline.base.words import duration, memory
 from pipeline.measures.events import Event
 from pipeline.measures.metric import LAST
+from pipeline.measures.place_course import courses_of
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Shown
-from pipeline.measures.summary import changing, constant
+from pipeline.measures.summary import breaks_over_time, changing, constant
 from pipeline.pages.curves import curves
 from pipeline.pages.fundus_strip import fundus_strip
 from pipeline.pages.headlines import headlines
@@ -63,7 +64,7 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
         Markup('<div class="wide">{}{}</div>').format(_movie(run), _scrubber(run)),
         _turning(run), _fundus(run),
         page.section("Over time"), _curves(run, shown, events),
-        page.section("Metrics"), *_metrics(shown),
+        page.section("Metrics"), *breaks_over_time(courses_of(run.table, run.scene)), *_metrics(shown),
         page.section("What was simulated"), *_simulated(run, advice),
         page.section("What was left out, and why"), *_left_out(run, advice),
         page.section("Cost and expected error"), *_cost(run),
@@ -83,8 +84,9 @@ def _numbers(run: Run, shown: Sequence[Shown]) -> Markup:
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
     rest = rest_in_words(run.table)
-    return Markup('<ul class="numbers">{}</ul>{}').format(
-        items, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",
+    breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
+    return Markup('<ul class="numbers">{}</ul>{}{}').format(
+        items, breaks, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",
                               ILLUSTRATION if run.scene.container is None else ""))
 
 

@@ -3,13 +3,16 @@
 Every half shows its wall, painted by what touches it, and the interface of the oil inside it, both opaque: nothing that
 lies in one half is seen in the other, and no color mixes with another.
 """
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
+from pipeline.cavity.rays import interpolation
 from pipeline.cavity.regions import MACULA_RADIUS
-from pipeline.pictures.fundus_map import DISC_RADIUS, EQUATOR, ORA, disc_direction, globe_radius
+from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_RADIUS, EQUATOR, disc_direction
 from pipeline.pictures.paint import colors_of, wall_fractions
+from pipeline.scenes.retina import ORA, Patch, globe_radius
 
 SHELL_COLOR, INTERFACE_COLOR, LANDMARK_COLOR, EDGE_COLOR = "#dfe5ec", "#8fd0ea", "#ffffff", "#19202b"
 NERVE_COLOR = "#e8cfae"
@@ -30,9 +33,10 @@ class EyeView:
     eye : pyvista.PolyData, closed surface of the cavity in m.
     size : width and height in pixels of the large canvas; the halves stand above one another.
     right_eye : whether the optic disc is on the patient's left of the macula.
+    breaks : of the retina, whose outlines are drawn.
     """
 
-    def __init__(self, eye, size: tuple[int, int], *, right_eye: bool = True):
+    def __init__(self, eye, size: tuple[int, int], *, right_eye: bool = True, breaks: Sequence[Patch] = ()):
         import pyvista
 
         self.size = size
@@ -41,13 +45,15 @@ class EyeView:
         self.plotter.set_background("white", all_renderers=True)
         self._changing: list = []
         center = np.array(eye.center)
-        landmarks = landmark_lines(eye, right_eye)
+        landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 450)
+                                                   for line in landmark_lines(eye, right_eye)]
+        landmarks += [(line, BREAK_COLOR, size[1] / 200) for line in break_lines(eye, breaks)]
         for row, (half, side) in enumerate(HALVES.items()):
             self.plotter.subplot(row, 0)
             self.plotter.add_mesh(half_shell(eye, side), color=SHELL_COLOR, smooth_shading=True,
                                   split_sharp_edges=True, ambient=0.2, specular=0.0)
-            for line in landmarks:
-                self._line(line, LANDMARK_COLOR, side, size[1] / 450)
+            for line, color, width in landmarks:
+                self._line(line, color, side, width)
             nerve = optic_nerve(eye, right_eye)
             if nerve.center[0] * side < 0.0:
                 self.plotter.add_mesh(nerve, color=NERVE_COLOR, smooth_shading=True, split_sharp_edges=True,
@@ -96,7 +102,7 @@ class EyeView:
         clip(actor, side)
         self._changing.append((row, actor))
 
-    def _line(self, line, color: str, side: float, width: float):
+    def _line(self, line, color, side: float, width: float):
         """Draw lines that lie on the wall, in the active half."""
         lifted = line.copy(deep=False)
         lifted.points = np.asarray(line.points) * LINE_LIFT
@@ -164,6 +170,17 @@ def landmark_lines(eye, right_eye: bool) -> list:
         surface.clear_data()
         surface.point_data["angle"] = np.arccos(np.clip(direction @ middle, -1.0, 1.0))
         found.append(surface.contour([radius], scalars="angle"))
+    return found
+
+
+def break_lines(eye, breaks: Iterable[Patch]) -> list:
+    """Outlines of breaks as lines on the wall, pyvista.PolyData each."""
+    import pyvista
+
+    points, faces, found = np.asarray(eye.points, float), eye.regular_faces, []
+    for one in breaks:
+        corners, weights = interpolation(points, faces, one.outline())
+        found.append(pyvista.lines_from_points(np.einsum("kc,kcx->kx", weights, points[corners])))
     return found
 
 

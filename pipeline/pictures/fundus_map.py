@@ -6,22 +6,23 @@ patient. The distance from the middle is the angle from the posterior pole, seen
 Equations: docs/methods/pictures.md.
 """
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from PIL import Image, ImageDraw
 from scipy.spatial import Delaunay
 from skimage.measure import find_contours
 
-from pipeline.cavity.regions import MACULA_RADIUS, RETINA_ANGLE
+from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
 from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
+from pipeline.scenes.retina import FRONT, ORA, globe_radius
 
-# Degrees from the posterior pole; the pars plana is 4 mm long.
-EQUATOR, ORA, PARS_PLANA = 90.0, float(np.degrees(RETINA_ANGLE)), 135.0
+EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 # The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
 DISC_DISTANCE, DISC_RADIUS, DISC_RISE = 4.76e-3, 0.89e-3, 7.0   # m, m, degrees above the horizontal
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
-LINE = (255, 255, 255)
+LINE, BREAK_COLOR = (255, 255, 255), (214, 39, 40)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +35,6 @@ class Coverage:
     def __str__(self) -> str:
         doubt = f"{100 * self.uncertainty:.0f}"
         return f"{100 * self.covered:.0f}{'' if doubt == '0' else f' ± {doubt}'} %"
-
-
-def globe_radius(vertices: np.ndarray) -> float:
-    """Distance from the center of the globe to the posterior pole, m: it turns lengths on the retina into angles."""
-    axis = -vertices[:, 2] / np.linalg.norm(vertices, axis=1)
-    return float(np.linalg.norm(vertices[axis.argmax()]))
 
 
 def disc_direction(globe: float, right_eye: bool) -> np.ndarray:
@@ -57,9 +52,12 @@ class FundusMap:
     vertices : (n, 3) m, the surface of the cavity; the origin is the center of the globe.
     size : width and height in pixels of the large canvas.
     right_eye : whether temporal is the patient's right, the left of the map.
+    outlines : name -> directions (k, 3) from the center of the globe, around a break of the retina.
     """
 
-    def __init__(self, vertices: np.ndarray, size: tuple[int, int], *, right_eye: bool = True, captions: bool = True):
+    def __init__(self, vertices: np.ndarray, size: tuple[int, int], *, right_eye: bool = True, captions: bool = True,
+                 outlines: Mapping[str, np.ndarray] | None = None):
+        self._outlines = outlines or {}
         self.size, self.unit, self.right_eye, self.captions = size, size[1] / 100.0, right_eye, captions
         margin = (5.5 if captions else 2.0) * self.unit
         self.center = np.array([0.5 * size[0], 0.5 * size[1]])
@@ -113,6 +111,14 @@ class FundusMap:
             pen.line([(float(x), float(y)) for y, x in line], fill=INK, width=max(2, round(0.55 * self.unit)),
                      joint="curve")
         self._chart(pen)
+        for name, outline in self._outlines.items():
+            places = [tuple(map(float, self.place(point))) for point in outline]
+            for color, width in ((LINE, 1.3), (BREAK_COLOR, 0.8)):
+                pen.line([*places, places[1]], fill=color, width=max(2, round(width * self.unit)), joint="curve")
+            if self.captions and name:
+                above = (np.mean(places, axis=0)[0], np.min(places, axis=0)[1] - 1.8 * self.unit)
+                write(pen, above, name.replace("_", " "), 2.4 * self.unit, anchor="mm", outline=True, bold=True,
+                      color=BREAK_COLOR)
         for color, point in marks:
             diamond(pen, self.place(np.asarray(point, float)), 1.5 * self.unit, color)
         if self.captions:

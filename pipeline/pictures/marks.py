@@ -8,6 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 OVERSAMPLING = 2                # everything is drawn twice as large and averaged: smooth, and right with translucency
 LONG_UNITS = (("week", 604800.0), ("day", 86400.0), ("hour", 3600.0), ("minute", 60.0))
+SMALLEST_LETTERS = 6           # pixels
 INK = (25, 30, 40)
 FAINT_INK = (95, 102, 115)
 WARNING_INK = (176, 52, 24)
@@ -24,10 +25,17 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 def write(draw: ImageDraw.ImageDraw, position, text: str, size: float, *, bold=False, color=INK, anchor="la",
           width: float | None = None, outline: bool = False) -> float:
-    """Write one line, ``outline``d in white over colors; one wider than ``width`` is set smaller. Returns its width."""
-    size = max(int(size), 6)
-    while width is not None and size > 6 and font(size, bold).getlength(text) > width:
+    """Write one line, ``outline``d in white over colors; returns its width.
+
+    One wider than ``width`` is set smaller, and cut where that is not enough.
+    """
+    size = max(int(size), SMALLEST_LETTERS)
+    while width is not None and size > SMALLEST_LETTERS and font(size, bold).getlength(text) > width:
         size -= 1
+    if width is not None and font(size, bold).getlength(text) > width:
+        fits = next(end for end in range(len(text) - 1, -1, -1) if font(size, bold).getlength(f"{text[:end]}…") <= width
+                    or not end)
+        text = f"{text[:fits]}…"
     draw.text(tuple(position), text, font=font(size, bold), fill=color, anchor=anchor,
               stroke_width=round(0.12 * size) if outline else 0, stroke_fill="white")
     return font(size, bold).getlength(text)

@@ -1,15 +1,22 @@
-"""A scene that confirms an answer by one simulation: the oil comes to rest from a level start."""
+"""A scene that confirms an answer by one simulation, and what that simulation says once it has run."""
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
+from pipeline.base.errors import UserError
 from pipeline.planning.search import Answer, Question
 from pipeline.planning.settings import weight_name
-from pipeline.scenes.load import PROJECT_CONFIG
+from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors
+from pipeline.scenes.retina import HOUR
 from pipeline.scenes.yaml_files import read_extended
+
+BREAK = "planned"   # name of the break in the scene
+OUTPUTS = Path("outputs")
 
 
 def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: str) -> str:
@@ -34,6 +41,10 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
         "extends": starts_from,
         "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
         "description": "Confirms a plan: does the oil at rest touch the break?",
+        "breaks": [{"name": BREAK, "hour": round(question.place.meridian / HOUR, 6) or 12.0,
+                    "latitude": f"{question.place.latitude:.6g} deg",
+                    "width": round(min(question.place.width / HOUR, 12.0), 6),
+                    "height": f"{question.place.height:.6g} deg"}],
         "liquids": [question.other.name, oil],
         "eye": cavity,
         "initial": {"fill": fills},
@@ -42,3 +53,55 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
                               "contact_angle": f"{np.degrees(question.contact_angle):.6g} deg"}},
     }
     return "# yaml-language-server: $schema=../schema.json\n" + yaml.safe_dump(scene, sort_keys=False, width=120)
+
+
+def confirmation(path: Path, question: Question, answer: Answer, outputs: Path = OUTPUTS) -> list[str]:
+    """Return what the simulation of a confirming scene says, or how to run it, in sentences.
+
+    Parameters
+    ----------
+    path : of the scene file.
+    """
+    command = f"snakemake -j2 {outputs / path.stem / 'draft' / 'metrics.html'}"
+    runs = [run for run in (_read(folder) for folder in sorted((outputs / path.stem).glob("*"))) if run is not None]
+    if not runs:
+        return [f"{path}: one simulation of this, to compare, is run by: {command}",
+                "Then the same command as this one tells whether it agrees."]
+    scene, record = min(runs, key=lambda run: run[0]["numerics"]["particle_spacing"])
+    level = scene["accuracy"]
+    if json.loads(load_scene(path, level).to_json()) != scene:
+        folder = outputs / path.stem / level
+        return [f"{path}: the simulation in {folder} is that of another plan; run it again: {command}"]
+    return [_verdict(record, question, answer, level)]
+
+
+def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """Scene and course of the break of a run; None where there is none yet.
+
+    Raises
+    ------
+    UserError : a file is damaged.
+    """
+    files = [folder / name for name in ("scene.json", "metrics.json")]
+    if not all(file.is_file() for file in files):
+        return None
+    try:
+        scene, metrics = (json.loads(file.read_text(encoding="utf-8")) for file in files)
+        record = next((one for one in metrics["breaks"] if one["name"] == BREAK), None)
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{folder}: its results are damaged ({error}); remove the folder and run it again") from error
+    return None if record is None else (scene, record)
+
+
+def _verdict(record: dict[str, Any], question: Question, answer: Answer, level: str) -> str:
+    """Whether a simulation agrees with an answer."""
+    margin, doubt = record["margin_at_end [mm]"], record["uncertainty [mm]"]
+    found = (f"at its end the oil reaches {margin:.1f} ± {doubt:.1f} mm beyond the break" if margin > 0.0 else
+             f"at its end the break is bare by {-margin:.1f} ± {doubt:.1f} mm")
+    covers = answer.covers(question.largest_fill)
+    planned = (f"planned was that it reaches {1e3 * question.margin:g} mm beyond" if covers else
+               "planned was that this fill does not cover it")
+    if abs(margin) < doubt:
+        return f"The simulation ({level}) cannot tell: {found}; {planned}. A finer level can."
+    agrees = (margin > 0.0) == covers
+    return f"The simulation ({level}) {'agrees' if agrees else 'does not agree'}: {found}; {planned}."

@@ -13,11 +13,11 @@ from pipeline.base.digest import call_digest
 from pipeline.base.progress import progress
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
-from pipeline.planning.breaks import Break
 from pipeline.planning.settings import postures
 from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import Eye, Material
+from pipeline.scenes.retina import Patch
 
 MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
@@ -98,7 +98,7 @@ class Question:
     tension : N/m. contact_angle, other_angles : rad.
     """
 
-    place: Break
+    place: Patch
     margin: float
     oils: dict[str, Material]
     other: Material

@@ -14,10 +14,11 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.equilibrium.contact import Contact, interpolation, shares
+from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import StarCavity
-from pipeline.planning.breaks import ORA, direction
+from pipeline.scenes.retina import ORA, direction
 
 FILLS = (0.5, 0.6, 0.7, 0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.92, 0.94, 0.96, 0.975, 0.985, 0.995)
 MERIDIANS, LATITUDES = np.arange(0.0, 360.0, 15.0), np.append(np.arange(0.0, ORA, 5.0), ORA)
@@ -82,7 +83,7 @@ def touch_of(cavity: StarCavity, liquids: Liquids, down: np.ndarray,
     advance : called with the number of shapes found, after each.
     """
     meridian, latitude = (grid.ravel() for grid in np.meshgrid(MERIDIANS, LATITUDES))
-    corners, weights = interpolation(cavity, direction(meridian, latitude))
+    corners, weights = interpolation(cavity.wall, cavity.faces, direction(meridian, latitude))
     margins, covered = np.empty((2, len(FILLS), len(meridian))), np.empty((2, len(FILLS), len(SHARES)))
     energy = np.full((2, len(FILLS)), np.inf)
     for course, order in enumerate((range(len(FILLS)), reversed(range(len(FILLS))))):

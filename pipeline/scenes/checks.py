@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.base.words import printable
 from pipeline.scenes import container_checks
-from pipeline.scenes.eye_shape import eye_shape
-from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, Scene, is_closed
+from pipeline.scenes.eye_shape import eye_shape, globe_of
+from pipeline.scenes.model import Block, Break, Container, Eye, Initial, Material, Output, Region, Scene, is_closed
 from pipeline.scenes.reader import Key, NotRead
+from pipeline.scenes.retina import ORA
 from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS
 from sim.settings import Numerics
@@ -27,6 +29,11 @@ from sim.settings import Numerics
 Found = Iterator[tuple[Key, str]]
 
 MOST_FRAMES = 100_000
+MOST_PLACES = 100  # each has several columns and lines in plots
+MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
+LONGEST_NAME = 100
+NAME = rf"[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}"
+TAKEN = ("studies", "measurements", "plans", "logs")  # folders beside those of the scenes
 FEWEST_SPACINGS = 8  # per axial length: below, no particle has a full support inside the cavity
 
 
@@ -126,8 +133,19 @@ def check_start(parts: Mapping[str, Any], start: Scene, fill: Mapping[str, float
 
 @_check
 def _name_fits_into_paths(name: str) -> Found:
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        yield (), f'a scene named "{name}" cannot name a folder, use letters, digits, "_" and "-"'
+    if not re.fullmatch(NAME, name):
+        yield (), (f'a scene named "{printable(name)}" cannot name a folder, use up to {LONGEST_NAME} letters, digits, '
+                   '"_" and "-"')
+    if name.lower() in TAKEN:
+        yield (), f'a scene cannot be named "{name}": outputs/{name.lower()} holds other things'
+
+
+@_check
+def _names_are_names(liquids: tuple[Material, ...], accuracy: str, start_from: str | None) -> Found:
+    # Only a resolved scene can have others; they are parts of the names of files.
+    for key, name in (("accuracy", accuracy), ("start_from", start_from), *(("liquids", one.name) for one in liquids)):
+        if name is not None and not re.fullmatch(NAME, name):
+            yield (key,), f'names "{printable(name)}", but a name is made of letters, digits, "_" and "-"'
 
 
 @_check
@@ -202,6 +220,51 @@ def _points_are_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Fo
 
 
 @_check
+def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...], eye: Eye | None, dimension: int
+                          ) -> Found:
+    for key, places in (("breaks", breaks), ("regions", regions)):
+        if places and (eye is None or dimension != 3):
+            yield (key,), "are parts of the wall of an eye in three dimensions, but the scene has none; remove them"
+        if len(places) > MOST_PLACES:
+            yield (key,), f"has {len(places)} entries, but must have at most {MOST_PLACES}"
+        names = [one.name for one in places]
+        for index, name in enumerate(names):
+            if not re.fullmatch(r"[A-Za-z0-9_]{1,60}", name) or name == "band" or name.startswith("band_"):
+                yield ((key, index, "name"), f'is "{printable(name)}", but must be made of letters, digits and _, 60 '
+                                             'at most, and not begin with "band_", for it names columns')
+            if name in names[:index]:
+                yield ((key, index, "name"), f'is "{printable(name)}", as another one is named already; give each its '
+                                             'own name')
+
+
+@_check
+def _breaks_are_on_the_retina(breaks: tuple[Break, ...], eye: Eye | None) -> Found:
+    for index, one in enumerate(breaks):
+        if (one.width is None) == (one.diameter is None):
+            given = "has neither width nor diameter" if one.width is None else "has both width and diameter"
+            yield (("breaks", index), f"{given}, but must have one of them: a width in clock hours (with a height, if "
+                                      "it is known), or a diameter in mm")
+            continue
+        if one.diameter is not None and one.height is not None:
+            yield ("breaks", index), "has both diameter and height, but a diameter is both; remove one of them"
+        patch = one.patch(globe_of(eye or Eye()))
+        if patch.high > ORA + 1e-6:
+            yield (("breaks", index), f"reaches from {patch.low:.4g} to {patch.high:.4g} deg from the posterior pole, "
+                                      f"but the retina ends at {ORA:g} deg (ora serrata)")
+
+
+@_check
+def _regions_have_a_place(regions: tuple[Region, ...]) -> Found:
+    for index, one in enumerate(regions):
+        if one.hours is not None and one.part is not None:
+            yield ("regions", index), "gives both hours and part, but only one of them can tell where it is"
+        if one.latitudes[0] >= one.latitudes[1]:
+            low, high = map(math.degrees, one.latitudes)
+            yield (("regions", index, "latitudes"), f"is from {low:g} to {high:g} deg, but the first must be the "
+                                                    "smaller one (posterior pole 0, ora serrata 115 deg)")
+
+
+@_check
 def _eye_is_one_model(eye: Eye | None) -> Found:
     if eye is None:
         return
@@ -238,6 +301,10 @@ def _frames_end_with_the_scene(output: Output) -> Found:
     elif round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")
+    elif count > MOST_SEGMENTS * output.frames_per_segment:
+        yield (("output", "frames_per_segment"),
+               f"is {output.frames_per_segment}, but must be at least {math.ceil(count / MOST_SEGMENTS)}, which makes "
+               f"{MOST_SEGMENTS} segments of {round(count)} frames")
 
 
 @_check

@@ -2,12 +2,12 @@
 
 The checks are written as in ``pipeline.scenes.checks``, which runs them.
 """
-import itertools
 import math
 from collections.abc import Iterator
 
-from pipeline.scenes.eye_shape import published_volume
-from pipeline.scenes.memory_check import too_large
+from pipeline.base.words import duration as in_words
+from pipeline.scenes.eye_shape import SMALLEST_VOLUME, published_volume
+from pipeline.scenes.memory_check import too_fine, too_large
 from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scenes.reader import Key
 from sim.effects import REGISTRY
@@ -18,6 +18,9 @@ from sim.time_step import known_limits
 Found = Iterator[tuple[Key, str]]
 
 FEWEST_SPACINGS = 4  # per side of a container: below, every particle touches both walls
+LEAST_TIME = 2e-4  # s that a time step takes on any computer, be there hardly a particle
+EYE_IN_BOX = 1.9  # volume of the box around an eye, over its own
+MOST_BLOCKS = 1000  # every two of them are compared
 FUNNEL_SPACINGS = 2.0  # thickness of the wall of a funnel
 ROUNDING = 1e-9  # of lengths, relative to the container
 
@@ -59,6 +62,12 @@ def container_has_liquid(container: Container | None, blocks: tuple[Block, ...],
         yield ("blocks",), "is missing, so the container holds no liquid; list blocks, or fill it all with `initial`"
 
 
+def blocks_are_few(blocks: tuple[Block, ...], container: Container | None) -> Found:
+    for key, found in ((("blocks",), blocks), (("container", "funnels"), container.funnels if container else ())):
+        if len(found) > MOST_BLOCKS:
+            yield key, f"has {len(found)} entries, but must have at most {MOST_BLOCKS}"
+
+
 def blocks_are_in_the_container(container: Container | None, blocks: tuple[Block, ...], dimension: int) -> Found:
     if container is None or len(container.size) != dimension:
         return
@@ -88,17 +97,17 @@ def blocks_have_room_for_particles(blocks: tuple[Block, ...], numerics: Numerics
 
 
 def blocks_do_not_overlap(blocks: tuple[Block, ...], dimension: int) -> Found:
-    for (first, one), (second, other) in itertools.combinations(enumerate(blocks), 2):
-        if other.replaces:
-            continue
-        corners = (one.lower, one.upper, other.lower, other.upper)
-        if any(len(corner) != dimension for corner in corners):
-            continue
-        common = [min(one.upper[axis], other.upper[axis]) - max(one.lower[axis], other.lower[axis])
-                  for axis in range(dimension)]
-        if min(common) > ROUNDING * max(map(abs, (*one.upper, *other.upper))):
-            size = " x ".join(f"{side:g}" for side in common)
-            yield ("blocks", second), f"overlaps blocks[{first}] by {size} m, but a place can hold one liquid only"
+    for second, other in enumerate(blocks):
+        for first, one in enumerate(blocks[:second]) if not other.replaces else ():
+            corners = (one.lower, one.upper, other.lower, other.upper)
+            if any(len(corner) != dimension for corner in corners):
+                continue
+            common = [min(one.upper[axis], other.upper[axis]) - max(one.lower[axis], other.lower[axis])
+                      for axis in range(dimension)]
+            if min(common) > ROUNDING * max(map(abs, (*one.upper, *other.upper))):
+                size = " x ".join(f"{side:g}" for side in common)
+                yield ("blocks", second), f"overlaps blocks[{first}] by {size} m, but a place can hold one liquid only"
+                break  # each is told of once
 
 
 def blocks_have_the_dimension(blocks: tuple[Block, ...], dimension: int) -> Found:
@@ -175,9 +184,7 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
     if numerics.time_step is None:
         return
     closed, spacing = is_closed(container, blocks), numerics.particle_spacing
-    settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
-                        numerics, tuple(effects.values()), closed, schemes.get(numerics.scheme))
-    limits = known_limits(settings)
+    limits = known_limits(_settings(numerics, liquids, effects, schemes, dimension, closed))
     for name, parameters in effects.items() if not closed else ():
         # What falls freely; in a full cavity only the buoyancy accelerates.
         weight = REGISTRY[name].weight_of(parameters)
@@ -195,18 +202,56 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
 def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
                               dimension: int, eye: Eye | None, container: Container | None,
                               blocks: tuple[Block, ...]) -> Found:
-    # A user's mesh is not read here: the voxelize stage asks again.
-    if not liquids or (container is None and (eye is None or eye.model != "parametric")):
+    if not liquids or (container is None and eye is None):
         return
-    read = tuple(one for name, one in effects.items() if isinstance(one, REGISTRY[name].Parameters))
-    settings = Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
-                        numerics, read, is_closed(container, blocks), schemes.get(numerics.scheme))
-    box = math.prod(container.size) if container else None
-    volume = published_volume(eye.axial_length) if box is None else (
-        sum(block.volume for block in blocks if not block.replaces) or box)
-    reason = volume > 0.0 and too_large(settings, volume, box)  # blocks may be turned over: another error
+    if container is None:
+        # A user's mesh is not read here, the voxelize stage asks again: it has the volume of the smallest eye, or any.
+        smallest = 0.0 if eye.force else SMALLEST_VOLUME
+        volume, box = published_volume(eye.axial_length) if eye.model == "parametric" else smallest, None
+    else:
+        box = math.prod(container.size)
+        volume = sum(block.volume for block in blocks if not block.replaces) or box
+    if volume <= 0.0:  # blocks that are turned over are another error
+        return
+    settings = _settings(numerics, liquids, effects, schemes, dimension, is_closed(container, blocks))
+    reason = too_large(settings, volume if box is None or volume < box else box, box)
     if reason:
         yield ("numerics", "particle_spacing"), reason
+
+
+def surfaces_fit_into_memory(output: Output, numerics: Numerics, dimension: int, eye: Eye | None,
+                             container: Container | None) -> Found:
+    if dimension == 2 or (container is None and (eye is None or eye.model != "parametric")):
+        return
+    box = math.prod(container.size) if container else EYE_IN_BOX * published_volume(eye.axial_length)
+    reason = too_fine(output.cell_ratio, output.contour, box / numerics.particle_spacing**3)
+    if reason:
+        yield ("output", "cell_ratio"), reason
+
+
+def cost_is_allowed(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict, dimension: int,
+                    container: Container | None, blocks: tuple[Block, ...], output: Output, allowed_time: float
+                    ) -> Found:
+    if not liquids:
+        return
+    limits = known_limits(_settings(numerics, liquids, effects, schemes, dimension, is_closed(container, blocks)))
+    if numerics.time_step is not None:
+        limits["numerics.time_step"] = numerics.time_step
+    reason, step = min(limits.items(), key=lambda item: item[1])
+    least = LEAST_TIME * output.duration / step if step > 0.0 else math.inf
+    if least > allowed_time:
+        yield (("output", "duration"),
+               f"is {output.duration:g} s, in steps of at most {step:.3g} s because of {reason}, which takes "
+               f"{in_words(least)} at least ({1e3 * LEAST_TIME:g} ms for a step), but allowed_time is "
+               f"{in_words(allowed_time)}: take longer steps, or allow more")
+
+
+def _settings(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict, dimension: int,
+              closed: bool) -> Settings:
+    """What the solver would get; effects that could not be read are left out."""
+    read = tuple(one for name, one in effects.items() if isinstance(one, REGISTRY[name].Parameters))
+    return Settings(dimension, tuple(Liquid(one.name, one.density, one.dynamic_viscosity) for one in liquids),
+                    numerics, read, closed, schemes.get(numerics.scheme))
 
 
 def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
@@ -217,9 +262,10 @@ def fixed_time_step_is_large_enough(numerics: Numerics) -> Found:
 
 CHECKS = (
     one_cavity, eye_is_in_space, container_has_the_dimension, container_holds_particles, container_has_liquid,
-    funnels_are_in_the_container, blocks_have_the_dimension, blocks_are_in_the_container,
+    funnels_are_in_the_container, blocks_are_few, blocks_have_the_dimension, blocks_are_in_the_container,
     blocks_have_room_for_particles, blocks_do_not_overlap,
     lines_have_no_triangles, points_are_in_the_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
     fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory,
+    surfaces_fit_into_memory, cost_is_allowed,
 )

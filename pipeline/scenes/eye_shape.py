@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.scenes.model import LENSES
+from pipeline.scenes.model import LENSES, Eye
 
 if TYPE_CHECKING:
     import trimesh
@@ -29,6 +29,7 @@ LENS_RADIUS = 6.0e-3            # posterior surface of the lens
 LENS_EDGE = 4.5e-3              # radius of the lens at its equator
 LENS_THICKNESS = 3.6e-3         # without a lens the liquid reaches the plane of the iris, this far before the pole
 FILLET = 1.0e-3                 # width over which the edges at lens and ciliary body are rounded
+SMALLEST_VOLUME, LARGEST_VOLUME = 2e-6, 12e-6  # of any cavity, m3; eyes of 20 to 32 mm hold 3.3 to 10 mL
 SUBDIVISIONS = 5                # 20,480 triangles, edges of 0.4 mm
 
 
@@ -87,6 +88,11 @@ def eye_shape(axial_length: float = REFERENCE_LENGTH, *, lens: str = "phakic",
                           0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER), half_length])
     front = lens_pole + LENS_THICKNESS if lens == "aphakic" else lens_equator
     return EyeShape(half_axes, front, lens_pole if lens == "phakic" else None, lens == "pseudophakic")
+
+
+def globe_of(eye: Eye) -> float:
+    """Return the radius of the globe behind, m; of a mesh, before it is read, that of the default eye."""
+    return float(eye_shape(eye.axial_length if eye.model == "parametric" else REFERENCE_LENGTH).half_axes[2])
 
 
 def eye_mesh(shape: EyeShape) -> "trimesh.Trimesh":

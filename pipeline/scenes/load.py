@@ -1,25 +1,27 @@
 """From a scene file in YAML to the resolved scene, and back from the resolved file."""
 import contextlib
 import dataclasses
+import functools
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
-from pipeline.scenes.checks import check, check_start
+from pipeline.base.project import PROJECT
+from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
-from pipeline.scenes.reader import FAILED, Errors, NotRead, Reader, describe, nearest
+from pipeline.scenes.paths import file_of_project, project_of
+from pipeline.scenes.reader import FAILED, Errors, Find, NotRead, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
 from sim.effects import REGISTRY
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
-LEVEL_NAME = r"[A-Za-z0-9_-]+"
-PROJECT_CONFIG = Path(__file__).parents[2] / "config"
+TAKEN_OF_LEVELS = ("logs", "all")  # a folder beside those of levels, and what means every level
+PROJECT_CONFIG = PROJECT / "config"
 
 
 def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:
@@ -56,7 +58,7 @@ def load_resolved(path: str | Path) -> Scene:
         raise UserError(f"{path}: no such file, write it with `python -m pipeline.scene <scene file> --output {path}`")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # no JSON, no UTF-8, a number without end
         raise UserError(f"{path}: not a resolved scene ({error})") from None
     errors = Errors(path)
     scene = Reader(errors, _liquid_names(data)).record(Scene, data)
@@ -81,6 +83,8 @@ class _Resolver:
             raise UserError(f"{where} is {describe(accuracy)}, but must be one of {', '.join(levels)}"
                             f"{nearest(accuracy, levels)}")
         self.accuracy, self.levels = accuracy, levels
+        self._config_dir = config_dir
+        self._resolved: dict[Path, Scene] = {}  # a chain of scenes that start from each other asks for each many times
 
     def resolve(self, path: Path, chain: tuple[Path, ...] = ()) -> Scene:
         """Return the scene in ``path``.
@@ -89,24 +93,28 @@ class _Resolver:
         ----------
         chain : files of the scenes that start from this one.
         """
+        if path in self._resolved:
+            return self._resolved[path]
         errors = Errors(path)
         data = read_extended(path, errors)
-        parts = self._read_parts(path.stem, data, errors)
+        find = functools.partial(file_of_project, path, project_of(path, self._config_dir), errors)
+        parts = self._read_parts(path.stem, data, errors, find)
         for key, message in check(parts):
             errors.add(key, message)
-        if isinstance(parts.get("eye"), Eye):
-            parts["eye"] = _with_mesh_beside(path, parts["eye"], errors)
+        if isinstance(parts.get("eye"), Eye) and parts["eye"].path is not None:
+            parts["eye"] = dataclasses.replace(parts["eye"], path=str(find(parts["eye"].path, ("eye", "path"))))
         if parts.get("start_from") is not None:
             self._check_start(parts, path, (*chain, path), errors)
         errors.raise_any()
-        return Scene(**parts)
+        self._resolved[path] = Scene(**parts)
+        return self._resolved[path]
 
-    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
+    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors, find: Find) -> dict[str, Any]:
         """Return the fields of the scene without those that have errors."""
         liquids = data.get("liquids")
         # With an unknown liquid the references to the right name would look wrong too.
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
-        reader = Reader(errors, liquids if known else ())
+        reader = Reader(errors, liquids if known else (), find)
         reader.refuse_unknown(data, SCENE_KEYS, ())
         parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:
@@ -152,7 +160,8 @@ class _Resolver:
         try:
             start = self.resolve(sibling(path, "start_from", parts["start_from"], chain), chain)
         except UserError as error:
-            errors.messages.extend(error.messages)
+            for sentence in error.messages:
+                errors.take(sentence)
             return
         fill = fill_at_end(start, lambda name: self.resolve(path.with_name(f"{name}.yaml"), chain))
         for key, message in check_start(parts, start, fill):
@@ -165,21 +174,11 @@ def load_accuracy_levels(path: Path) -> dict[str, Numerics]:
     reader = Reader(errors)
     levels = {name: reader.record(Numerics, data, (name,)) for name, data in read_yaml(path).items()}
     for name in levels:
-        if not re.fullmatch(LEVEL_NAME, name):
+        if not re.fullmatch(NAME, name) or name.lower() in TAKEN_OF_LEVELS:
             errors.add((name,), "is no name for a level: its results get a folder of that name, so it must be made of "
-                                "letters, digits, _ and -")
+                                f"letters, digits, _ and -, and be none of {', '.join(TAKEN_OF_LEVELS)}")
     errors.raise_any()
     return levels
-
-
-def _with_mesh_beside(scene_file: Path, eye: Eye, errors: Errors) -> Eye:
-    """Return ``eye`` with the path of its mesh taken from the folder of the scene file."""
-    if eye.path is None:
-        return eye
-    mesh = scene_file.parent / eye.path
-    if not mesh.is_file():
-        errors.add(("eye", "path"), f'is "{eye.path}", but there is no such file beside the scene ({mesh})')
-    return dataclasses.replace(eye, path=os.path.normpath(mesh))
 
 
 def _liquid_names(data: Any) -> list[str]:

@@ -4,6 +4,7 @@ import json
 import math
 from typing import Any
 
+from pipeline.scenes.retina import ASSUMED_HEIGHT, FRONT, HOUR, ORA, PARTS, Patch, part_of_chart, square
 from sim.effects import REGISTRY
 from sim.parameters import parameter
 from sim.schemes import REGISTRY as SCHEMES
@@ -12,6 +13,7 @@ from sim.settings import Liquid, Numerics, Settings
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
+LARGEST_LATITUDE = math.radians(ORA)
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
@@ -31,6 +33,58 @@ class Eye:
     path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
     unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
     force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
+
+
+@dataclasses.dataclass(frozen=True)
+class Break:
+    """A break of the retina."""
+
+    name: str = parameter(meaning="name, in columns and pictures")
+    hour: float = parameter(unit="h", exclusive_minimum=0.0, maximum=12.0,
+                            meaning="clock hour of its middle as an observer sees it who faces the patient: 12 is "
+                                    "superior, 3 on the patient's left, half past six 6.5")
+    latitude: float = parameter(unit="rad", minimum=0.0, maximum=LARGEST_LATITUDE,
+                                meaning="angle of its middle from the posterior pole: equator 90 deg, ora serrata 115 "
+                                        "deg")
+    width: float | None = parameter(None, unit="h", exclusive_minimum=0.0, maximum=12.0, meaning="width in clock hours")
+    height: float | None = parameter(None, unit="rad", exclusive_minimum=0.0, maximum=LARGEST_LATITUDE,
+                                     meaning="height along the meridian, else 10 deg (2 mm)")
+    diameter: float | None = parameter(None, unit="m", exclusive_minimum=0.0, maximum=0.02,
+                                       meaning="diameter on the retina, in place of width and height")
+
+    def patch(self, globe: float) -> Patch:
+        """Return where it is; globe : radius of the globe, m, which turns a diameter into an angle."""
+        meridian, latitude = self.hour * HOUR % 360.0, math.degrees(self.latitude)
+        if self.diameter is not None:
+            return square(meridian, latitude, math.degrees(self.diameter / globe))
+        height = ASSUMED_HEIGHT if self.height is None else math.degrees(self.height)
+        return Patch(meridian, latitude, (self.width or 0.0) * HOUR, height)
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """A part of the wall whose coverage is asked for."""
+
+    name: str = parameter(meaning="name, in columns and pictures")
+    latitudes: tuple[float, float] = parameter(
+        (0.0, LARGEST_LATITUDE), unit="rad", minimum=0.0, maximum=math.radians(FRONT),
+        meaning="angles from the posterior pole between which it lies: macula 0, equator 90, ora serrata 115, front of "
+                "the pars plana 135 deg")
+    hours: tuple[float, float] | None = parameter(
+        None, unit="h", minimum=0.0, maximum=12.0,
+        meaning="clock hours from which to which it reaches, clockwise; all around without them")
+    part: str | None = parameter(None, choices=PARTS, meaning="part of the chart in place of hours")
+
+    def patch(self, right_eye: bool) -> Patch:
+        """Return where it is; right_eye : whether temporal is the patient's right."""
+        low, high = map(math.degrees, self.latitudes)
+        meridian, width = 0.0, 360.0
+        if self.part is not None:
+            meridian, width = part_of_chart(self.part, right_eye)
+        elif self.hours is not None:
+            width = HOUR * ((self.hours[1] - self.hours[0]) % 12.0 or 12.0)
+            meridian = (HOUR * self.hours[0] + 0.5 * width) % 360.0
+        return Patch(meridian, 0.5 * (low + high), width, high - low)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +123,7 @@ class Block:
     @property
     def volume(self) -> float:
         """Volume, m3 (m2 in two dimensions)."""
-        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}
+        share = {"box": 1.0, "ball": math.pi / (2 * max(len(self.lower), 1))}
         return share.get(self.shape, math.pi / 4.0) * math.prod(self.sides)
 
     @property
@@ -84,7 +138,7 @@ class Material(Liquid):
 
     color: str = parameter("#9ecae1", meaning="color in pictures, as #rrggbb")
     clear: bool = parameter(False, meaning="clear liquid that fills an eye: pictures show the others in it")
-    source: str = parameter("", meaning="where the numbers come from")
+    source: str = parameter("", longest=1000, meaning="where the numbers come from")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,13 +177,18 @@ class Scene:
     """One experiment, ready to run; the order of ``liquids`` gives the phase indices."""
 
     name: str = parameter(meaning="name of the scene, from its file")
-    title: str = parameter("", meaning="heading of the pictures and of the report")
-    description: str = parameter("", meaning="what the scene shows")
-    label: str = parameter("", meaning="line drawn in every picture, for example a time-lapse warning")
+    title: str = parameter("", longest=200, meaning="heading of the pictures and of the report")
+    description: str = parameter("", longest=5000, meaning="what the scene shows")
+    label: str = parameter("", longest=200, meaning="line drawn in every picture, for example a time-lapse warning")
     accuracy: str = parameter(meaning="accuracy level that gave the numerics")
     dimension: int = parameter(3, minimum=2, maximum=3, meaning="dimensions of space")
     start_from: str | None = parameter(None, meaning="scene whose last checkpoint is the start")
+    allowed_time: float = parameter(
+        7 * 86400.0, unit="s", exclusive_minimum=0.0, maximum=10 * 365 * 86400.0,
+        meaning="time that the simulation may take on the computer; a longer one is refused until it is allowed here")
     eye: Eye | None = parameter(Eye(), meaning="the cavity, unless it is a container")
+    breaks: tuple[Break, ...] = parameter((), meaning="breaks of the retina: when oil covers them, and how it presses")
+    regions: tuple[Region, ...] = parameter((), meaning="parts of the wall whose coverage is measured")
     container: Container | None = parameter(None, meaning="rectangular cavity in place of an eye")
     liquids: tuple[Material, ...] = parameter(meaning="liquids; the first is phase 0")
     initial: Initial = parameter(Initial(), meaning="what fills the cavity at the start")
@@ -171,6 +230,12 @@ class Scene:
         length = self.output.frames_per_segment
         first = segment * length + 1 if segment else 0
         return range(first, min((segment + 1) * length + 1, self.frame_count))
+
+    def patches(self, globe: float) -> dict[str, dict[str, Patch]]:
+        """Return where breaks and regions are: kind -> name -> patch; globe : radius of the globe, m."""
+        right_eye = self.eye is None or self.eye.side == "right"
+        return {"breaks": {one.name: one.patch(globe) for one in self.breaks},
+                "regions": {one.name: one.patch(right_eye) for one in self.regions}}
 
     def settings(self) -> Settings:
         """Return what the solver needs: no names of files, no pictures."""

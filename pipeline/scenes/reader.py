@@ -7,14 +7,21 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Iterable, Mapping
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 from pipeline.scenes.units import parse_quantity
+from pipeline.scenes.value_files import READERS
 
 Key = tuple[str | int, ...]
+Find = Callable[[str, Key], Path | None]
+SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
+MOST_MESSAGES = 20  # that are shown of one file
+UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
 FAILED = object()  # stands for a value that could not be read; its error is collected
 
 
@@ -33,7 +40,7 @@ class Incomplete:
 
 
 class Errors:
-    """The errors of one scene, one sentence each.
+    """The errors of one scene, one sentence each; of many the first ones are kept, and their number.
 
     Parameters
     ----------
@@ -41,11 +48,13 @@ class Errors:
 
     Attributes
     ----------
+    messages : the first of them, each once. count : of all.
     origins : file in which a key was written, where that can be another one because of ``extends``.
     """
 
     def __init__(self, file: str | Path):
-        self.messages: list[str] = []
+        self.messages: dict[str, None] = {}
+        self.count = 0
         self.origins: dict[Key, Path] = {}
         self._file = file
 
@@ -54,12 +63,20 @@ class Errors:
         parents = (key[:length] for length in range(len(key), 0, -1))
         origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
         file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
-        self.messages.append(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
+        self.take(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
+
+    def take(self, sentence: str) -> None:
+        """Collect a whole sentence."""
+        if sentence not in self.messages:
+            self.count += 1
+            if len(self.messages) < MOST_MESSAGES:
+                self.messages[sentence] = None
 
     def raise_any(self) -> None:
-        """Raise all collected errors, if any, as one UserError."""
+        """Raise the collected errors, if any, as one UserError."""
+        more = self.count - len(self.messages)
         if self.messages:
-            raise UserError(*dict.fromkeys(self.messages))
+            raise UserError(*self.messages, *([f"{self._file}: and {more} more errors"] if more else []))
 
 
 class Reader:
@@ -69,10 +86,13 @@ class Reader:
     ----------
     errors : collects what is wrong.
     liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
+    find : returns the file that a parameter names in place of its values, or collects an error; none can be named
+        without it.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = ()):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None):
         self._errors = errors
+        self._find = find
         self._liquids = tuple(liquids) or None
 
     def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
@@ -119,6 +139,8 @@ class Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is types.UnionType:  # X | None
             return None if data is None else self._value(arguments[0], metadata, data, key)
+        if metadata.get("file") and isinstance(data, str) and self._find is not None:
+            return self._from_file(kind, metadata, data, key)
         if dataclasses.is_dataclass(kind):
             return self.record(kind, data, key)
         if "kinds" in metadata:
@@ -129,6 +151,19 @@ class Reader:
             return self._dict(arguments[1], metadata, data, key)
         return {float: self._number, int: self._number, bool: self._bool, str: self._text}[kind](
             kind, metadata, data, key)
+
+    def _from_file(self, kind: Any, metadata: Mapping, name: str, key: Key) -> Any:
+        """Read the values of a parameter from a file that stands in their place."""
+        path = self._find(name, key)
+        if path is None:
+            return FAILED
+        try:
+            values = READERS[metadata["file"]](path)
+        except UserError as error:
+            for sentence in error.messages:
+                self._errors.add(key, f"is {describe(name)}, but {sentence}")
+            return FAILED
+        return self._value(kind, metadata, values, key)
 
     def _chosen_records(self, kinds: Mapping[str, type], data: Any, key: Key) -> Any:
         """Read a mapping whose keys choose the dataclass."""
@@ -168,6 +203,8 @@ class Reader:
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
         if not _in_range(number, metadata):
             return self._fail(key, data, f"must be {allowed_range(metadata)}{_meaning(metadata)}")
+        if number and not SMALLEST <= abs(number) <= LARGEST:
+            return self._fail(key, data, f"must be 0, or from {SMALLEST:g} to {LARGEST:g} in size{_meaning(metadata)}")
         return kind(number)
 
     def _bool(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
@@ -179,6 +216,12 @@ class Reader:
             return self._fail(key, data, f"must be one of {', '.join(choices)}{nearest(data, choices)}")
         if not isinstance(data, str):
             return self._fail(key, data, f"must be text, in quotes if it looks like a number{_meaning(metadata)}")
+        if metadata["longest"]:
+            data = " ".join(data.split())  # a line break is a space: pictures and plots have one line for it
+            if len(data) > metadata["longest"]:
+                return self._fail(key, data, f"must have at most {metadata['longest']} characters{_meaning(metadata)}")
+        if any(unicodedata.category(letter) in UNWRITABLE for letter in data):
+            return self._fail(key, data, f"must be made of characters that can be written{_meaning(metadata)}")
         return data
 
     def _fail(self, key: Key, data: Any, message: str) -> Any:
@@ -192,7 +235,7 @@ def dotted(key: Key) -> str:
     >>> dotted(("effects", "gravity", "turns", 0, "to"))
     'effects.gravity.turns[0].to'
     """
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{printable(part)}" for part in key).removeprefix(".")
 
 
 def nearest(word: Any, names: Iterable[str]) -> str:
@@ -201,7 +244,7 @@ def nearest(word: Any, names: Iterable[str]) -> str:
     >>> nearest("viscosty", ["gravity", "viscosity"])
     ' (did you mean viscosity?)'
     """
-    word = str(word).lower()
+    word = printable(str(word)).lower()
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
     best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
@@ -214,7 +257,8 @@ def describe(data: Any) -> str:
         return "a mapping" if isinstance(data, dict) else "a list"
     if data is None:
         return "empty"
-    return str(data).lower() if isinstance(data, bool) else f'"{data}"' if isinstance(data, str) else str(data)
+    return str(data).lower() if isinstance(data, bool) else f'"{printable(data)}"' if isinstance(data, str) else \
+        printable(str(data))
 
 
 def allowed_range(metadata: Mapping) -> str:

@@ -107,6 +107,9 @@ def _type_schema(kind: Any, metadata: Mapping[str, Any], liquids: Sequence[str])
         kinds = {name: {"description": _first_line(record), **_or_null(_record_schema(record, liquids))}
                  for name, record in metadata["kinds"].items()}
         return {"type": "object", "properties": kinds, "additionalProperties": False}
+    if metadata.get("file"):
+        values = _type_schema(kind, {**metadata, "file": ""}, liquids)
+        return {"anyOf": [{"type": "string", "description": "file beside the scene"}, values]}
     if origin is tuple:
         length = {} if arguments[-1] is Ellipsis else {"minItems": len(arguments), "maxItems": len(arguments)}
         return {"type": "array", "items": _type_schema(arguments[0], metadata, liquids), **length}

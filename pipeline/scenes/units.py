@@ -4,6 +4,8 @@ import math
 import re
 from typing import TYPE_CHECKING
 
+from pipeline.base.words import printable
+
 if TYPE_CHECKING:
     import pint
 
@@ -12,6 +14,7 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*
 # parser also evaluates arithmetic.
 _FACTOR = r"(?:1|[A-Za-zµμ°%]+)(?:(?:\*\*|\^)?-?[1-9])?"
 _UNIT = re.compile(rf"{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*")
+_LONGEST = 100  # characters of a quantity
 _ANGLES = {"degree", "radian", "turn", "arcminute", "arcsecond"}
 
 
@@ -41,15 +44,16 @@ def parse_quantity(value: object, unit: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"{_describe(value)}, but must be {_wanted(unit)}")
     if isinstance(value, str):
-        match = _NUMBER.fullmatch(value)
+        match = len(value) <= _LONGEST and _NUMBER.fullmatch(value)
         if not match:
-            raise ValueError(f'"{value}", but must be {_wanted(unit)}')
+            raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
         number, text = float(match[1]), match[2]
     else:
         number, text = float(str(value)), ""  # by way of text, a whole number beyond the range of floats is infinite
+    number = _convert(number, text, unit, value) if text else number
     if not math.isfinite(number):
-        raise ValueError(f"{value}, but must be a finite number")
-    return _convert(number, text, unit, value) if text else number
+        raise ValueError(f"{printable(str(value))}, but must be a finite number")
+    return number
 
 
 def is_kinematic_viscosity(value: object) -> bool:
@@ -64,10 +68,11 @@ def is_kinematic_viscosity(value: object) -> bool:
 def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
-        raise ValueError(f'"{value}" with the unknown unit "{text}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}" with the unknown unit "{printable(text)}", '
+                         f"but must be {_wanted(unit)}")
     target = _parse_unit(unit)
     if source.dimensionality != target.dimensionality or _is_angle(source) != _is_angle(target):
-        raise ValueError(f'"{value}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
     converted = _registry().Quantity(number, source).to(target).magnitude
     return float(f"{converted:.15g}")  # "1.5 mL" is 1.5e-6 m3, not 1.5000000000000002e-6
 

@@ -1,31 +1,69 @@
 """Scene files as plain data: strict YAML, and scenes that extend others."""
+import re
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 from pipeline.scenes.reader import Errors, Key, describe, nearest
+
+MOST_BYTES = 200_000  # of a file: parsed in some seconds
+MOST_DEPTH = 20  # of lists and mappings in each other
+MOST_IN_A_ROW = 30  # scenes that extend each other, or start from each other
+MOST_DIGITS = 300  # of a whole number; a longer one is beyond the range of floats
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML without its traps: a key given twice is an error, and there are no aliases (scenes have ``extends``)."""
+    """YAML without its traps.
+
+    Plain words are read as YAML 1.2 does: yes, no, on and off are words, 010 is ten, 1:30 and dates are text. A key
+    that is given twice, an anchor, an alias (scenes have ``extends``), a tag, or endless nesting is an error.
+    """
+
+    yaml_implicit_resolvers: dict = {}  # noqa: RUF012
+    depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> yaml.Node:
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.MarkedYAMLError(problem="aliases (*name) are not supported", problem_mark=mark)
-        return super().compose_node(parent, index)
+        event = self.peek_event()
+        if getattr(event, "anchor", None) is not None:
+            raise _at(event, "anchors (&name) and aliases (*name) are not supported")
+        if getattr(event, "tag", None) is not None:
+            raise _at(event, "tags (!name) are not supported")
+        if self.depth > MOST_DEPTH:
+            raise _at(event, f"lists and mappings lie in each other more than {MOST_DEPTH} deep")
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(problem="a key must be a word", problem_mark=key.start_mark)
+                raise _at(key, "a key must be a word")
             if key.value in seen:
-                raise yaml.MarkedYAMLError(problem=f"{key.value} is given twice", problem_mark=key.start_mark)
+                raise _at(key, f"{printable(key.value)} is given twice")
             seen.add(key.value)
         return {str(key.value): self.construct_object(value, deep=True) for key, value in node.value}
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> float:
+        return int(node.value) if len(node.value) <= MOST_DIGITS else float(node.value)
+
+
+def _at(place: Any, problem: str) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=place.start_mark)
+
+
+for _tag, _pattern, _first in (
+        ("null", r"~|null|Null|NULL|", ("~", "n", "N", "")),
+        ("bool", r"true|True|TRUE|false|False|FALSE", tuple("tTfF")),
+        ("int", r"[-+]?[0-9]+", tuple("-+0123456789")),
+        ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan", tuple("-+.0123456789"))):
+    _StrictLoader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"(?:{_pattern})\Z"), _first)
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _StrictLoader.construct_yaml_int)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -34,11 +72,14 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises
     ------
     UserError
-        The file is missing, not YAML (with line and column), empty, or not a mapping.
+        The file is missing, not YAML (with line and column), empty, too large, or not a mapping.
     """
     if not path.is_file():
         names = [other.name for other in path.parent.glob("*.yaml")]
         raise UserError(f"{path}: no such file{nearest(path.name, names)}")
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise UserError(f"{path}: has {size} bytes, but must have at most {MOST_BYTES}")
     try:
         data = yaml.load(path.read_text(encoding="utf-8"), _StrictLoader)
     except yaml.MarkedYAMLError as error:
@@ -46,7 +87,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: line {mark.line + 1}, column {mark.column + 1}: {error.problem}") from None
     except (yaml.YAMLError, UnicodeDecodeError):
         raise UserError(f"{path}: not a text file in UTF-8") from None
-    except (RecursionError, ValueError) as error:  # endless nesting; a date such as 2024-13-45
+    except (RecursionError, ValueError) as error:  # a character beyond Unicode, such as "\U00110000"
         raise UserError(f"{path}: not valid YAML ({error})") from None
     if not isinstance(data, dict):
         raise UserError(f"{path}: is {describe(data)}, but must hold `name: value` lines")
@@ -84,9 +125,11 @@ def sibling(path: Path, key: str, name: Any, chain: tuple[Path, ...]) -> Path:
     """
     names = sorted(other.stem for other in path.parent.glob("*.yaml"))
     if name not in names:
-        raise UserError(f'{path}: {key} is "{name}", but must be the name of a scene in this folder'
+        raise UserError(f"{path}: {key} is {describe(name)}, but must be the name of a scene in this folder"
                         f"{nearest(name, names)}: {', '.join(names)}")
     other = path.parent / f"{name}.yaml"
+    if len(chain) > MOST_IN_A_ROW:
+        raise UserError(f"{chain[0]}: more than {MOST_IN_A_ROW} scenes follow each other by `{key}`")
     if other in chain:
         circle = " -> ".join(file.stem for file in (*chain[chain.index(other):], other))
         raise UserError(f"{path}: {key} leads back to the same scene ({circle})")
@@ -99,9 +142,11 @@ class _Replacing(dict):
 
 def _named_once(names: list, path: Path, errors: Errors) -> _Replacing:
     errors.origins["liquids",] = path
-    for name in dict.fromkeys(str(name) for name in names if names.count(name) > 1):
-        errors.add(("liquids",), f"names {name} more than once, but every liquid is one phase")
-    return _Replacing((str(name), {}) for name in names)
+    counts = Counter(name if isinstance(name, str) else describe(name) for name in names)
+    for name, count in counts.items():
+        if count > 1:
+            errors.add(("liquids",), f"names {printable(name)} more than once, but every liquid is one phase")
+    return _Replacing((name, {}) for name in counts)
 
 
 def _merge(base: Any, change: Any, key: Key, file: Path, errors: Errors) -> Any:

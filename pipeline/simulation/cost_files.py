@@ -1,6 +1,9 @@
-"""The files in which the simulate stage says what every effect has cost."""
+"""The files in which the simulate stage says what every effect and every frame has cost."""
 import json
+from collections.abc import Iterable
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.base.errors import UserError
 
@@ -10,9 +13,23 @@ def read_costs(path: Path) -> dict:
 
     Raises
     ------
-    UserError : the file is missing or damaged.
+    UserError : the file is missing, damaged, or of a version that did not count frames.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
+        costs = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise UserError(f"{path}: cannot be read ({error}); run the simulate stage again") from error
+    if not isinstance(costs, dict) or "frames" not in costs:
+        raise UserError(f"{path}: does not tell what its frames took; run the simulate stage again")
+    return costs
+
+
+def seconds_of(costs: Iterable[dict], name: str) -> np.ndarray:
+    """Return what every frame of some segments took since the one before, (frames,), s.
+
+    Parameters
+    ----------
+    costs : of the segments, in the order of time.
+    name : ``wall_seconds``, ``cpu_seconds`` (of all cores), or ``<effect>_seconds``, 0 where it was not timed.
+    """
+    return np.array([frame.get(name, 0.0) for segment in costs for frame in segment["frames"]])

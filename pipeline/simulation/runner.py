@@ -117,7 +117,7 @@ class Runner:
 
 
 def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
-    """Take up the state of a checkpoint.
+    """Take up the state of a checkpoint, if it can be one of this scene.
 
     Parameters
     ----------
@@ -128,6 +128,9 @@ def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
     UserError
         When the file holds no state of such a solver.
     """
+    if reason := unlike(state, runner.solver.state()):
+        raise UserError(f"{path}: is no checkpoint that this scene can start from ({reason}); it must have the same "
+                        "eye, particle spacing and liquids")
     if begins:
         planned = tuple(f"{effect.name}." for effect in runner.solver.effects if effect.planned)
         state = {key: value for key, value in state.items() if not key.startswith(planned)}
@@ -137,3 +140,31 @@ def restore(runner: Runner, state: dict, path: Path, begins: bool) -> None:
     except (KeyError, ValueError, OverflowError) as error:
         raise UserError(f"{path}: is no checkpoint that this scene can start from ({error}); it must have the same "
                         "eye, particle spacing and liquids") from error
+
+
+def unlike(state: dict, sample: dict) -> str:
+    """Return what no run can have left in a state, empty where all is well.
+
+    Parameters
+    ----------
+    sample : a state of the solver that is to take it up, with any number of particles.
+    """
+    particles = "particles."
+    count = len(np.atleast_1d(state.get("particles.id", ())))
+    for name in sorted(state.keys() & sample.keys()):
+        found, expected = np.asarray(state[name]), np.asarray(sample[name])
+        shape = ((count,) if name.startswith(particles) else expected.shape[:1]) + expected.shape[1:]
+        if found.shape != shape or (found.dtype.kind in "fiub") != (expected.dtype.kind in "fiub"):
+            return f"{name} is {found.dtype} of the shape {found.shape}, but must have the shape {shape}"
+        if found.ndim and not (finite := np.isfinite(found)).all():
+            row = int(np.argmin(finite.reshape(len(found), -1).all(axis=1)))
+            what = f"particle {state['particles.id'][row]}" if name.startswith(particles) else f"place {row}"
+            return f"{name} is not finite at {what}"
+    if "particles.position" in state and "particles.id" in state:
+        for name, fault in (("id", "have one number"), ("position", "are at one place")):
+            _, first, times = np.unique(state[particles + name], axis=0, return_index=True, return_counts=True)
+            if len(first) < count:
+                one = state[particles + name][first[times > 1][0]]
+                same = np.flatnonzero((state[particles + name] == one).reshape(count, -1).all(axis=1))[:2]
+                return f"particles {' and '.join(str(state['particles.id'][row]) for row in same)} {fault}"
+    return ""

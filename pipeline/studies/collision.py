@@ -18,6 +18,7 @@ from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.pictures.picture_grid import as_png, draw_particles, panels
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
+from pipeline.simulation.cost_files import read_costs, seconds_of
 from pipeline.study_kit.model import Outcome, Row
 from sim.parameters import parameter
 
@@ -47,17 +48,17 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """One scene and its frames."""
+    """One scene, its frames, and what its segments have cost."""
 
     scene: Scene
     frames: list[FrameData]
+    costs: list[dict]
 
     @property
     def seconds(self) -> tuple[float, float]:
         """Wall time per frame, s, and the share of the collision; without the frame in which all is compiled."""
-        timed = [frame.statistics for frame in self.frames[2:]]
-        wall = np.array([one["wall_seconds"] for one in timed])
-        return float(wall.mean()), float(sum(one["collision_seconds"] for one in timed) / wall.sum())
+        wall, collision = (seconds_of(self.costs, f"{name}_seconds")[2:] for name in ("wall", "collision"))
+        return float(wall.mean()), float(collision.sum() / wall.sum())
 
 
 def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
@@ -80,9 +81,11 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
 
 
 def load_run(folder: Path) -> Run:
-    """Read the results of a scene: what was run, and all frames."""
-    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
-    return Run(load_resolved(folder / "scene.json"), [read_frame(path) for path in paths])
+    """Read the results of a scene: what was run, all frames, and what they cost."""
+    scene = load_resolved(folder / "scene.json")
+    paths = [path for name in scene.segment_names for path in find_frames(folder / "frames" / f"segment_{name}")]
+    return Run(scene, [read_frame(path) for path in paths],
+               [read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names])
 
 
 def _at_least(quantity: str, value: float, least: float, at: str) -> Row:

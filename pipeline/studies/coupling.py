@@ -20,6 +20,7 @@ from pipeline.base.tables import read_table
 from pipeline.pictures.picture_grid import as_png, draw_particles, evenly, panels, show_box
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
+from pipeline.simulation.cost_files import read_costs, seconds_of
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from sim.parameters import parameter
 
@@ -92,7 +93,8 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
 
 def _load(folder: Path) -> Method:
     scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
-    segments = [find_frames(segment) for segment in sorted((folder / "frames").glob("segment_*"))]
+    segments = [find_frames(folder / "frames" / f"segment_{name}") for name in scene.segment_names]
+    costs = [read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names]
     paths = [path for segment in segments for path in segment]
     # The first segment begins with the start, before any step.
     warm = np.array([place >= (2 if number == 0 else 1) for number, segment in enumerate(segments)
@@ -102,8 +104,8 @@ def _load(folder: Path) -> Method:
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
     energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
     isolated = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
-    return Method(scene.numerics.scheme, scene, paths, table["frame"], table["computing_time_cpu [s]"],
-                  table["computing_time_wall [s]"], energy, viscous,
+    return Method(scene.numerics.scheme, scene, paths, table["frame"], seconds_of(costs, "cpu_seconds"),
+                  seconds_of(costs, "wall_seconds"), energy, viscous,
                   isolated / len(read_frame(paths[0]).position), warm)
 
 

@@ -5,7 +5,7 @@ share holds both, those of the other contact angles, and the error of the shapes
 posture, and what the sphere is off Young and Laplace, in which the solver runs with the same liquids.
 """
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pyvista
@@ -42,7 +42,6 @@ FILLS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98)
 CHECKED = (0.8, 0.95)                       # fills at which more directions are tried
 MAP_SIZE = 168                              # pixels
 MODEL_EYES = (9.5e-3, 12.5e-3)             # m, radii
-SHELLS = 40                                 # of the aqueous, along a ray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +86,7 @@ class Course:
 def run(case: Parameters) -> Outcome:
     """Let the tamponade come to rest at all fills, postures and contact angles."""
     outcome, cavity = Outcome(), cavity_of(Eye(axial_length=case.axial_length))
+    front = cavity_of(Eye(axial_length=case.axial_length), from_front=True)
     finer = cavity_of(Eye(axial_length=case.axial_length), DRAFT + 1)
     exact = [oil_at_rest(fill, np.radians(case.contact_angle), abs(case.aqueous_density - case.density) * GRAVITY
                          / case.tension, case.radius, 3) for fill in case.fills]
@@ -98,8 +98,8 @@ def run(case: Parameters) -> Outcome:
     outcome.rows += _model_eyes(case)
     pictures = []
     for posture in case.postures:
-        masks, down = parts_of(cavity), down_of(posture)
-        courses = [_course(cavity, masks, case.liquids(angle), down, case.fills)
+        down = down_of(posture)
+        courses = [_course((cavity, front), case.liquids(angle), down, case.fills)
                    for angle in (case.contact_angle, *case.other_angles)]
         error = np.maximum(_error(case, finer, down, courses[0]), sphere_error)
         found = np.concatenate([course.shares for course in courses])
@@ -154,9 +154,25 @@ def _cells(*shares: float) -> list[str]:
     return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]
 
 
-def _course(cavity: StarCavity, masks: dict[str, np.ndarray], liquids: Liquids, down: np.ndarray,
-            fills: tuple[float, ...]) -> Course:
-    """Shapes going up, as when the eye is filled, and down."""
+def _course(cavities: Sequence[StarCavity], liquids: Liquids, down: np.ndarray, fills: Sequence[float]) -> Course:
+    """Shapes going up, as when the eye is filled, and down.
+
+    Parameters
+    ----------
+    cavities : of the eye; another one is tried where the oil is not seen from the point within the one before.
+    """
+    course = _course_in(cavities[0], liquids, down, fills)
+    missing = [n for n, rest in enumerate(course.best) if not rest.settled]
+    if missing and cavities[1:]:
+        other = _course(cavities[1:], liquids, down, [fills[n] for n in missing])
+        course.shares[:, missing], course.least[missing] = other.shares, other.least
+        for n, rest in zip(missing, other.best, strict=True):
+            course.best[n] = rest
+    return course
+
+
+def _course_in(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fills: Sequence[float]) -> Course:
+    masks = parts_of(cavity)
     rests: list[list[Rest]] = []
     for order in (fills, fills[::-1]):
         one: list[Rest] = []
@@ -175,6 +191,8 @@ def _error(case: Parameters, finer: StarCavity, down: np.ndarray, course: Course
     """Largest change of the shares with more directions, (parts,)."""
     masks, changes = parts_of(finer), [np.zeros(len(PARTS))]
     for n in _nearest(case.fills, CHECKED):
+        if (course.best[n].cavity.viewpoint != finer.viewpoint).any():
+            continue
         fine = at_rest(finer, case.liquids(case.contact_angle), down, case.fills[n],
                        refined_start(course.best[n], finer, DRAFT + 1))
         if not fine.settled:
@@ -221,15 +239,7 @@ def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[s
 
 def _in_front(rest: Rest) -> float:
     """Share of the aqueous that is before the equator."""
-    if not rest.settled:
-        return np.nan
-    cavity = rest.cavity
-    angle = np.bincount(cavity.faces.ravel(), np.repeat(cavity.solid / 6.0, 3), len(cavity.radius))
-    gap = (cavity.radius - rest.distance)[:, None]
-    distance = rest.distance[:, None] + gap * (np.arange(SHELLS) + 0.5) / SHELLS
-    volume = angle[:, None] * distance**2 * gap
-    front = cavity.viewpoint[2] + distance * cavity.direction[:, 2:] > 0.0
-    return float((volume * front).sum() / volume.sum())
+    return rest.other.share(rest.other.position[:, 2] > 0.0) if rest.settled else np.nan
 
 
 def _maps(cavity: StarCavity, courses: list[Course]) -> list[Image.Image]:
@@ -237,7 +247,7 @@ def _maps(cavity: StarCavity, courses: list[Course]) -> list[Image.Image]:
     side = OVERSAMPLING * MAP_SIZE
     chart, images = FundusMap(cavity.wall, (side, side), captions=False), []
     for n in range(len(courses[0].best)):
-        margins = np.array([Contact.of(course.best[n]).margin for course in courses])
+        margins = np.array([Contact.of(course.best[n]).margin for course in courses if course.best[n].cavity is cavity])
         wall = pyvista.PolyData(cavity.wall)
         wall.point_data["contact_distance"] = margins[0]
         wall.point_data["oil_fraction_covered"] = np.ones(len(cavity.wall))

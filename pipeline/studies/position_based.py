@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from pipeline.base.frame_files import FrameData
 from pipeline.pictures.picture_grid import as_png, draw_particles, panels, show_box
+from pipeline.simulation.cost_files import seconds_of
 from pipeline.studies.collision import Run, draw_in_space, load_run
 from pipeline.study_kit.model import Outcome, Row, compared
 from sim.parameters import parameter
@@ -53,7 +54,7 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
                          (_constraints, parameters.constraints), (_walls, parameters.walls)):
         judge(outcome, {name: runs[name] for name in names})
     for name, each in runs.items():
-        wall = sum(frame.statistics["wall_seconds"] for frame in each.frames[1:])
+        wall = float(seconds_of(each.costs, "wall_seconds")[1:].sum())
         outcome.rows += [Row("particles", float(len(each.frames[0].id)), at=name),
                          Row("computing time by the clock", wall, "s", at=name)]
     return outcome

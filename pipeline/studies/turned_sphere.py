@@ -75,7 +75,8 @@ class Parameters(TankParameters):
 def run(case: Parameters) -> Outcome:
     """Compare velocity and stress at the wall with the exact solution at every resolution."""
     outcome, errors = Outcome(), []
-    exact = (Oscillating if case.motion == "oscillation" else Turned)(case)
+    exact = (Oscillating(case) if case.motion == "oscillation" else
+             Turned(case.saccade, case.viscosity, DENSITY, RADIUS, case.dimension))
     name = f"{case.motion}, {case.dimension}D, Womersley {case.womersley:g}"
     for resolution in case.resolutions:
         result = _turned(case, resolution, exact)
@@ -131,36 +132,47 @@ class Oscillating:
 
 
 class Turned:
-    """Exact solution in a cavity that makes a saccade, seen from the wall, by its modes."""
+    """Exact solution in a cavity that makes a saccade, seen from the wall, by its modes.
 
-    def __init__(self, case: Parameters):
-        self.case = case
-        self.wall_speed = case.rotation.peak * RADIUS
-        if case.dimension == 3:  # tan z = z
+    Parameters
+    ----------
+    viscosity : kinematic, m^2/s.
+    density : kg/m^3.
+    radius : of the cavity, m.
+    dimension : 3 for a sphere, 2 for a circle.
+    modes : number of modes; the stress of a stiff liquid lacks a share of 1/modes.
+    """
+
+    def __init__(self, saccade: Saccade, viscosity: float, density: float, radius: float, dimension: int = 3,
+                 modes: int = MODES):
+        self.saccade, self.viscosity, self.density, self.radius = saccade, viscosity, density, radius
+        self.wall_speed = saccade.peak * radius
+        if dimension == 3:  # tan z = z
             self.zeros = np.array([brentq(lambda z: np.sin(z) - z * np.cos(z), n * np.pi, (n + 0.5) * np.pi)
-                                   for n in range(1, MODES + 1)])
-            self.share = 2.0 * RADIUS / (self.zeros * spherical_jn(2, self.zeros))
+                                   for n in range(1, modes + 1)])
+            self.share = 2.0 * radius / (self.zeros * spherical_jn(2, self.zeros))
         else:
-            self.zeros = jn_zeros(1, MODES)
-            self.share = 2.0 * RADIUS / (self.zeros * jv(2, self.zeros))
-        self.bessel = spherical_j1 if case.dimension == 3 else cylindrical_j1
+            self.zeros = jn_zeros(1, modes)
+            self.share = 2.0 * radius / (self.zeros * jv(2, self.zeros))
+        self.bessel = spherical_j1 if dimension == 3 else cylindrical_j1
 
     def amplitudes(self, time: float) -> np.ndarray:
         """Amplitudes of the modes at a time, (modes,): each decays, and gains what the wall turns away from it."""
-        decay = self.case.viscosity * (self.zeros / RADIUS) ** 2
+        decay = self.viscosity * (self.zeros / self.radius) ** 2
         times = np.linspace(0.0, time, SUBSTEPS + 1)
-        rates = np.array([self.case.saccade.rate(t) for t in times])
-        middles = 0.5 * (times[1:] + times[:-1])
-        return -self.share * (np.exp(-np.multiply.outer(decay, time - middles)) @ np.diff(rates))
+        rates = np.array([self.saccade.rate(t) for t in times])
+        # The wall accelerates evenly within a substep, in which the last modes decay altogether.
+        left = np.exp(-np.multiply.outer(decay, time - times))
+        return -self.share * (np.diff(left, axis=1) @ (np.diff(rates) / np.diff(times))) / decay
 
     def speed(self, radius: np.ndarray, time: float) -> np.ndarray:
         """Velocity along the circles at r (n,), over sin(theta), m/s."""
-        return self.bessel(np.multiply.outer(radius / RADIUS, self.zeros)).real @ self.amplitudes(time)
+        return self.bessel(np.multiply.outer(radius / self.radius, self.zeros)).real @ self.amplitudes(time)
 
     def stress(self, time: float) -> float:
         """Stress along the wall, over sin(theta), Pa."""
-        slope = (self.bessel(self.zeros, True).real * self.zeros / RADIUS) @ self.amplitudes(time)
-        return -DENSITY * self.case.viscosity * float(slope)
+        slope = (self.bessel(self.zeros, True).real * self.zeros / self.radius) @ self.amplitudes(time)
+        return -self.density * self.viscosity * float(slope)
 
 
 def spherical_j1(z: np.ndarray, derivative: bool = False) -> np.ndarray:

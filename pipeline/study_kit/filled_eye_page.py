@@ -3,7 +3,6 @@
 Sources of what is set beside: [fawcett1994, abstract], [rossi2021, abstract], [hillier2011, abstract], [isakova2017,
 abstract].
 """
-import csv
 import dataclasses
 import io
 import itertools
@@ -15,10 +14,12 @@ from PIL import Image, ImageDraw
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.files import replacing
 from pipeline.base.palette import COLORS
 from pipeline.pictures.marks import FAINT_INK, INK, write
 from pipeline.study_kit.model import Outcome
+from pipeline.study_kit.question_page import QuestionPage, drawn, joined_tables, link_to, write_csv, write_picture
+
+PICTURES, TABLES = ("fill_curves", "fundus_maps"), ("shares",)
 
 TAMPONADES = {"light_oil": "light oil", "heavy_oil": "heavy oil", "gas": "gas"}
 PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior half",
@@ -32,9 +33,7 @@ SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
 SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 SHOWN = 85.0            # %, fill of the table
 PUBLISHED = (55.0, 78.0)  # % of the retina [rossi2021, abstract]
-NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 MODEL_ARC = "exact arc of contact of a model eye"
-METHOD = "../../../../docs/methods/equilibrium.md"  # from outputs/studies/<study>/<level>
 HEAD, SIDE, GAP = 54, 118, 6    # pixels of the picture of maps: above, at the left, between
 
 
@@ -109,61 +108,49 @@ class Shares:
         return float(self.fills[np.abs(self.fills - SHOWN).argmin()])
 
 
-def write_filled_eye(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
+def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write ``shares.csv`` and ``fill_curves.png`` into a folder, and return the parts of the page.
 
     Raises
     ------
     UserError : the cases have no maps of the fundus.
     """
-    heads, *lines = outcomes[0].tables["shares"]
-    lines += [line for outcome in outcomes[1:] for line in outcome.tables["shares"][1:]]
-    with replacing(target / "shares.csv") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows([heads, *lines])
+    heads, lines = joined_tables(outcomes, "shares")
+    write_csv(target / "shares.csv", heads, lines)
     shares = Shares.of(lines)
     curves = _curves(shares)
-    with replacing(target / "fill_curves.png") as partial:
-        partial.write_bytes(curves)
+    write_picture(target / "fill_curves.png", curves)
     maps = next((outcome.pictures["fundus_maps"] for outcome in outcomes if "fundus_maps" in outcome.pictures), None)
     if maps is None:
         raise UserError("the study has no maps of the fundus: one of its cases needs `maps: true`")
-    return _parts(description, shares, outcomes, curves, maps)
+    return _page(description, shares, outcomes, curves, maps).parts()
 
 
-def _parts(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> list[str]:
-    heads = ("", *SHOWN_PARTS.values())
+def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> QuestionPage:
     rows = [(f"{TAMPONADES[tamponade]}, {_words(posture)}",
              *(str(shares.at(tamponade, posture, shares.shown, part)) for part in SHOWN_PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
-    upright = [number for number, row in enumerate(rows) if row[0].endswith("upright")]
-    picture = "Covered share of the retina and of its inferior half against the fill, patient upright"
-    return [
-        page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
-        page.paragraph(page.bold(headline(shares))),
-        page.paragraph(description, "The rest is aqueous. Shares are of the area of the retina, in percent."),
-        page.picture(curves, picture),
-        page.paragraph("Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a "
-                       "sphere of 11 mm radius, exact (Young and Laplace).", front_edges(shares)),
-        page.section(f"What a fill of {shares.shown:g} % touches"),
-        page.table(heads, rows, marked=upright),
-        page.paragraph("In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), "
-                       "behind and before the equator. In brackets what it may be: with other "
-                       "contact angles, with the second shape that may be at rest when lying, and by the error of the "
-                       "computation. Temporal and nasal are those of a right eye, whose nasal side is below when the "
-                       "patient lies on the left. Other fills are in",
-                       page.link("shares.csv", "shares.csv")),
-        page.section("Light oil, posture by posture"),
-        page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
-        page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
-                       "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
-                       "hatched where the contact angles do not agree."),
-        page.section("Beside what was published"),
-        page.bullets(anchors(shares, outcomes)),
-        page.section("What was assumed"),
-        page.bullets(_assumed(outcomes)),
-        page.section("What was validated, and what was not"),
-        page.bullets(validated(shares, outcomes)),
-    ]
+    return QuestionPage(
+        headline(shares), f"{description} The rest is aqueous. Shares are of the area of the retina, in percent.",
+        curves, "Covered share of the retina and of its inferior half against the fill, patient upright",
+        ["Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a sphere of 11 mm "
+         "radius, exact (Young and Laplace).", front_edges(shares)],
+        f"What a fill of {shares.shown:g} % touches", ("", *SHOWN_PARTS.values()), rows,
+        ["In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and "
+         "before the equator. In brackets what it may be: with other contact angles, with the second shape that may "
+         "be at rest when lying, and by the error of the computation. Temporal and nasal are those of a right eye, "
+         "whose nasal side is below when the patient lies on the left. Other fills are in",
+         page.link("shares.csv", "shares.csv")],
+        _assumed(outcomes), validated(shares, outcomes),
+        "against patients, or against an experiment in a real eye. Tension and contact angle in an operated eye, with "
+        "protein and blood, are not known.",
+        more=[page.section("Light oil, posture by posture"),
+              page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
+              page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
+                             "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
+                             "hatched where the contact angles do not agree."),
+              page.section("Beside what was published"), page.bullets(anchors(shares, outcomes))],
+        marked=[number for number, row in enumerate(rows) if row[0].endswith("upright")])
 
 
 def headline(shares: Shares) -> str:
@@ -261,35 +248,28 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
             page.joined(f"In the eye, four times as many directions change a covered share by at most "
                            f"{max(changes):.1f} points; the range holds that, for each posture and part. At 85 % of "
                            f"light oil the method was at most 0.4 points off another program:",
-                           page.link("docs/methods/equilibrium.md", METHOD)),
-            page.joined(page.bold("Not validated:"), "against patients, or against an experiment in a real eye. "
-                           "Tension and contact angle in an operated eye, with protein and blood, are not known.")]
+                           link_to("methods/equilibrium.md"))]
 
 
 def _curves(shares: Shares) -> bytes:
     """Covered share against fill, the patient upright, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    def draw(grid) -> None:
+        for axes, part in zip(grid, ("retina", "inferior"), strict=True):
+            for tamponade, color in zip(shares.tamponades, COLORS, strict=False):
+                own = [shares.at(tamponade, "upright", fill, part) for fill in shares.fills]
+                exact = [shares.at(tamponade, SPHERE, fill, part).value for fill in shares.fills]
+                axes.fill_between(shares.fills, [one.low for one in own], [one.high for one in own], color=color,
+                                  alpha=0.2, lw=0)
+                axes.plot(shares.fills, [one.value for one in own], color=color, lw=2.0, marker="o", ms=4,
+                          label=TAMPONADES[tamponade])
+                axes.plot(shares.fills, exact, "--", color=color, lw=1.2, label=f"{TAMPONADES[tamponade]}, sphere")
+            axes.set(xlabel="fill / % of the volume", xlim=(shares.fills[0], shares.fills[-1]), ylim=(0.0, 100.0))
+            axes.set_title({"retina": "Whole retina", "inferior": "Inferior half"}[part], loc="left", fontsize=12)
+            axes.grid(alpha=0.3)
+        grid[0].set_ylabel("covered / %")
+        grid[0].legend(frameon=False, fontsize=9)
 
-    canvas = Figure(figsize=(11.5, 4.6), layout="constrained")
-    grid = FigureCanvasAgg(canvas).figure.subplots(1, 2, sharey=True)
-    for axes, part in zip(grid, ("retina", "inferior"), strict=True):
-        for tamponade, color in zip(shares.tamponades, COLORS, strict=False):
-            own = [shares.at(tamponade, "upright", fill, part) for fill in shares.fills]
-            exact = [shares.at(tamponade, SPHERE, fill, part).value for fill in shares.fills]
-            axes.fill_between(shares.fills, [one.low for one in own], [one.high for one in own], color=color, alpha=0.2,
-                              lw=0)
-            axes.plot(shares.fills, [one.value for one in own], color=color, lw=2.0, marker="o", ms=4,
-                      label=TAMPONADES[tamponade])
-            axes.plot(shares.fills, exact, "--", color=color, lw=1.2, label=f"{TAMPONADES[tamponade]}, sphere")
-        axes.set(xlabel="fill / % of the volume", xlim=(shares.fills[0], shares.fills[-1]), ylim=(0.0, 100.0))
-        axes.set_title({"retina": "Whole retina", "inferior": "Inferior half"}[part], loc="left", fontsize=12)
-        axes.grid(alpha=0.3)
-    grid[0].set_ylabel("covered / %")
-    grid[0].legend(frameon=False, fontsize=9)
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, dpi=120, format="png")
-    return buffer.getvalue()
+    return drawn((11.5, 4.6), draw, 1, 2, sharey=True)
 
 
 def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str],

@@ -4,6 +4,8 @@ import functools
 import importlib
 import itertools
 import json
+import math
+import re
 import types
 import typing
 from collections.abc import Iterator
@@ -12,19 +14,27 @@ from typing import Any
 
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
+from pipeline.study_kit.question_page import page_module
+from sim.parameters import parameter
 
 STUDIES = Path("config/studies")
 OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
 FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
-# Figures of the families, `pipeline.study_kit.tradeoff`, or `pipeline.study_kit.filled_eye_page`.
-REPORTS = ("curves", "tradeoff", "filled_eye")
+CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
+MOST_CASES = 10_000  # of a family
+# A page that answers a question of a surgeon is written by `pipeline.study_kit.<report>_page`.
+QUESTIONS = tuple(sorted(path.stem.removesuffix("_page") for path in Path(__file__).parent.glob("*_page.py")
+                         if path.stem != "question_page"))
+# Figures of the families, `pipeline.study_kit.tradeoff`, or such a page.
+REPORTS = ("curves", "tradeoff", *QUESTIONS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +91,11 @@ class Study:
         """How many cases do more than read the results of scenes."""
         return sum(not case.folders() for case in self.cases.values())
 
+    @property
+    def page(self) -> types.ModuleType | None:
+        """The module that writes its page, where it answers a question of a surgeon."""
+        return page_module(self.report) if self.report in QUESTIONS else None
+
     def families(self) -> list[types.ModuleType]:
         """Families of the cases, each once."""
         return list(dict.fromkeys(case.family for case in self.cases.values()))
@@ -98,8 +113,8 @@ class Study:
         """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
-        if self.report == "filled_eye":
-            return ["fill_curves", "fundus_maps"]
+        if self.page:
+            return list(self.page.PICTURES)
         made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
         return [figure.name for figure in self.figures()] + made
 
@@ -109,7 +124,9 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        return {"tradeoff": [*self.family_names(), "orders"], "filled_eye": ["shares"]}.get(self.report, [])
+        if self.report == "tradeoff":
+            return [*self.family_names(), "orders"]
+        return list(self.page.TABLES) if self.page else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
@@ -165,11 +182,18 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
             cases |= _family_cases(family, declared[family], _Level(accuracy, levels), errors)
     elif not declared:
         errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
+    words = reader.record(_Words, {key: data[key] for key in ("title", "description") if key in data})
     report = data.get("report", REPORTS[0])
     if report not in REPORTS:
         errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(REPORTS)}")
     errors.raise_any()
-    return Study(name, str(data.get("title", name)), str(data.get("description", "")), accuracy, cases, report)
+    return Study(name, words.title or name, words.description, accuracy, cases, report)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Words:
+    title: str = parameter("", longest=200, meaning="heading of the page")
+    description: str = parameter("", longest=5000, meaning="what the study asks")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,9 +213,14 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
     if any(not isinstance(block, dict) for block in blocks):
         errors.add(key, f"is {describe(declared)}, but must be a mapping (`name: value` lines), or a list of mappings")
         return {}
+    chosen = [{field: level.choose(value) for field, value in block.items()} for block in blocks]
+    count = sum(math.prod(map(len, _choices(family.Parameters, block))) for block in chosen)
+    if count > MOST_CASES:
+        errors.add(key, f"has {count} combinations, but must have at most {MOST_CASES}")
+        return {}
     reader = Reader(errors)
-    read = [reader.record(family.Parameters, values, key) for block in blocks for values in _combinations(
-        family.Parameters, {field: level.choose(value) for field, value in block.items()})]
+    read = [reader.record(family.Parameters, values, key) for block in chosen
+            for values in _combinations(family.Parameters, block)]
     if not all(isinstance(one, family.Parameters) for one in read):
         return {}
     telling = _telling_fields(family.Parameters, read)
@@ -199,6 +228,9 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
     for one in read:
         values = [value for field in telling if (value := getattr(one, field)) is not None]
         case = "-".join([name, *(f"{value:g}" if isinstance(value, float) else f"{value}" for value in values)])
+        if not re.fullmatch(CASE, case):
+            errors.add(key, f'would name a case "{printable(case)}", but its results get a folder of that name, which '
+                            "must be made of letters, digits, _, . and -")
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
         cases[case] = Case(case, family, one, level.accuracy)
@@ -223,10 +255,14 @@ def _telling_fields(parameters: type, cases: list) -> list[str]:
 
 def _combinations(parameters: type, block: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Every combination of the values that are lists, except where the parameter itself is one."""
-    lists = {field.name for field in dataclasses.fields(parameters) if _is_list(field.type)}
-    choices = [value if isinstance(value, list) and name not in lists else [value] for name, value in block.items()]
-    for combination in itertools.product(*choices):
+    for combination in itertools.product(*_choices(parameters, block)):
         yield dict(zip(block, combination, strict=True))
+
+
+def _choices(parameters: type, block: dict[str, Any]) -> list[list]:
+    """The values that each field of a block takes in turn."""
+    lists = {field.name for field in dataclasses.fields(parameters) if _is_list(field.type)}
+    return [value if isinstance(value, list) and name not in lists else [value] for name, value in block.items()]
 
 
 def _is_list(kind: Any) -> bool:

@@ -7,7 +7,6 @@ fraction. Offsets added to the fractions conserve the volume of every liquid; dr
 Equations: docs/methods/surfaces.md.
 """
 import dataclasses
-import time
 from typing import Any
 
 import numpy as np
@@ -102,7 +101,7 @@ class Reconstructor:
         ------
         UserError : the volume of a liquid cannot be met.
         """
-        start, self._frame = time.perf_counter(), frame
+        self._frame = frame
         volume, count = np.asarray(frame.volume, np.float64), self.field.liquids
         expected = np.array([volume[frame.phase == liquid].sum() for liquid in range(count)])
         droplets = [find_droplets(frame, liquid, self.grid.spacing) for liquid in range(count)]
@@ -136,9 +135,6 @@ class Reconstructor:
                 "bulk_particles": int(bulk[liquid]), "droplets": len(droplets[liquid]),
                 "droplet_particles": sum(map(len, droplets[liquid])),
             }))
-        seconds = time.perf_counter() - start
-        for surface in result:
-            surface.statistics["seconds"] = seconds / len(result)
         return result
 
     def section(self) -> Section | None:

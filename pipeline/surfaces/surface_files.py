@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.base.vtk_files import name_components, set_text, write_vtk
+from pipeline.base.vtk_files import name_components, read_vtk, set_text, write_vtk
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
 
@@ -166,8 +166,6 @@ def read_section(path: Path):
 
 def _read(path: Path, what: str, hint: str = ""):
     """Read a VTK file."""
-    import pyvista
-
     if not Path(path).is_file():
         raise UserError(f"{path}: no such {what}; run the reconstruct stage first{hint}")
-    return pyvista.read(path)
+    return read_vtk(path)

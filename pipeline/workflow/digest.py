@@ -10,34 +10,36 @@ from collections.abc import Iterable
 from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
+ASKED = ("allowed_time",)  # answers to questions, read by no results
 WORDS = ("title", "description", "label")
+PLACES = ("breaks", "regions")  # of the wall: measured and drawn
 PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoothing_length", "output.image_size",
            "output.formats", "output.second_means")
 COLORS = ("liquids.color", "liquids.clear", "liquids.source")
 LOOKS = (*COLORS, "eye.side")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "advise": ("description", "label", *PICTURE, *LOOKS),
-    "estimate": ("description", "label", *LOOKS),
-    "cost": ("description", "label", *LOOKS),
+    "advise": ("description", "label", *PICTURE, *LOOKS, *PLACES),
+    "estimate": ("description", "label", *LOOKS, *PLACES),
+    "cost": ("description", "label", *LOOKS, *PLACES),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
-            "liquids", "eye.side"),
-    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", *LOOKS),
-    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS),
+            "liquids", "eye.side", *PLACES),
+    "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", *LOOKS, *PLACES),
+    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS, *PLACES),
     "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "schemes", "output.duration", "output.image_size",
-                    "output.second_means", *COLORS),
+                    "output.second_means", *COLORS, *PLACES),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
-               *LOOKS),
+               *LOOKS, *PLACES),
     "index_run": ("description", "label", "start_from", "initial", "blocks", "effects", "schemes", "liquids.source",
-                  "eye.side", "output"),
+                  "output"),
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
-                     "liquids", "output"),
+                     "liquids", "output", *PLACES),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
     "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
-              "liquids", "numerics", "dimension", "output.duration",
+              "liquids", "numerics", "dimension", "output.duration", *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),
-    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration", *PICTURE,
-                *COLORS),
+    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration",
+                *(key for key in PICTURE if key != "output.second_means"), *COLORS),
 }
 
 
@@ -61,7 +63,7 @@ def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
     """
     values = json.loads(json.dumps(dataclasses.asdict(scene)))
     values["schemes"] = values["schemes"].get(scene.numerics.scheme)
-    for key in unread:
+    for key in (*ASKED, *unread):
         first, _, second = key.partition(".")
         if not second:
             values.pop(first)

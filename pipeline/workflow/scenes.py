@@ -1,12 +1,9 @@
 """What the Snakefile asks: which scenes there are, how many segments they have, and where a segment starts."""
-import fcntl
 import functools
 import hashlib
-import os
 import re
 import sys
 import tempfile
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -24,6 +21,7 @@ from pipeline.study_kit.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
+from pipeline.workflow.mending import changes, end_future, hold, set_aside_damaged
 from sim.cores import USEFUL_THREADS
 
 SCENES = Path("config/scenes")
@@ -259,16 +257,16 @@ class Workflow:
         A rule cannot do the latter: Snakemake does not look for changed parameters downstream of a job that it runs.
         The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
         """
-        self._begin = time.time()
         probe(OUTPUTS)
-        self._lock = os.open(OUTPUTS, os.O_RDONLY)
+        self._logs = changes(self._all_logs())
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = hold(OUTPUTS)
         except BlockingIOError:
             stop(f"{OUTPUTS}: another snakemake works in this folder; wait for its end")
         for folder in {OUTPUTS / name for name, _ in self._scenes}:
             if folder.is_dir():
                 remove_left_over(folder)
+                end_future(folder)
         for (name, level), scene in self._scenes.items():
             folder = OUTPUTS / name / level
             if folder.is_dir():
@@ -277,9 +275,22 @@ class Workflow:
                 write_text(folder / "scene.json", scene.to_json())
 
     def repeat_errors(self) -> None:
-        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them."""
-        for log in sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log")):
-            if log.stat().st_mtime >= self._begin:
-                for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
-                    if line.startswith("error: "):
-                        print(line, file=sys.stderr)
+        """Print the sentences with which jobs of this run ended, after all that Snakemake says about them.
+
+        Damaged files that they name are set aside.
+        """
+        sentences = []
+        for log, state in changes(self._all_logs()).items():
+            if self._logs.get(log) != state:
+                sentences += [line.removeprefix("error: ") for line in log.read_text(
+                    encoding="utf-8", errors="replace").splitlines() if line.startswith("error: ")]
+        for sentence in sentences:
+            print(f"error: {sentence}", file=sys.stderr)
+        for name, level in self._scenes:
+            for sentence in set_aside_damaged(OUTPUTS / name / level, sentences):
+                print(sentence, file=sys.stderr)
+
+    @staticmethod
+    def _all_logs() -> list[Path]:
+        """Return the logs of all scenes and studies."""
+        return sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log"))

@@ -1,4 +1,5 @@
 """What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
+from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.study_kit.plan import Study, cached_study, study_names
 from pipeline.study_report import SO_FAR, outcomes_so_far, write_study
@@ -86,7 +87,9 @@ class Studies:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name, level)
         self._asked[name, level] = None
-        return f"{stage_digest('study_report')} {study.accuracy} {study.title} {study.description} {study.figures()}"
+        page = code_used(study.page.__name__) if study.page else ""
+        return (f"{shortened(stage_digest('study_report'), page)} {study.accuracy} {study.title} {study.description} "
+                f"{study.figures()}")
 
     def tell_so_far(self) -> None:
         """Write and tell what is known of the studies of a run in which something has failed."""

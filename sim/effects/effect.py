@@ -9,7 +9,7 @@ All that is known of an effect is in its file: what a scene with it must be like
 (`advice` and its numbers), of the time step, of memory, of the course of a run and of what is measured. Nothing else
 knows it by name: what others must know of it, it declares in the words below.
 """
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -163,6 +163,11 @@ class Effect:
     def down_at_start(cls, parameters) -> np.ndarray | None:
         """Direction (3,) of its weight at the start; None without one."""
         return None
+
+    @classmethod
+    def held(cls, parameters, duration: float) -> Iterable[tuple[float, float, np.ndarray, str]]:
+        """Directions (3,) of its weight that are held within a duration, s: begin, end, direction and words for it."""
+        return ()
 
     @classmethod
     def tension_of(cls, parameters) -> float:

@@ -7,27 +7,27 @@ ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second
 `eye_rotation` turns the eye in the head, posture and jolts are those of the head. Equations: docs/methods/gravity.md.
 """
 import dataclasses
+import functools
 import itertools
 import math
 
 import numpy as np
 import taichi as ti
 
-from sim.advice import EARTH_GRAVITY, NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, shown, times
+from sim.advice import EARTH_GRAVITY, NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, long_time, shown, times
 from sim.effects.effect import WEIGHS, Effect
+from sim.effects.parts.postures import POSTURES, Course, Move, direction_of, posture_in_words, words_of
 from sim.parameters import parameter
 from sim.runtime import real
 
-POSTURES = {  # direction of gravity in the eye: x to the patient's left, y superior, z anterior along the optic axis
-    "upright": (0.0, -1.0, 0.0),
-    "supine": (0.0, 0.0, -1.0),
-    "prone": (0.0, 0.0, 1.0),
-    "left_side": (1.0, 0.0, 0.0),
-    "right_side": (-1.0, 0.0, 0.0),
-}
 # A turn follows the minimum-jerk profile: its peak rate is 15/8 and its peak acceleration 10/sqrt(3) of angle over
 # duration and duration squared.
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / math.sqrt(3.0)
+RIGHT_ANGLE, HALF_TURN = 0.5 * math.pi, math.pi
+HEAD_UP = "angle by which the head is raised from lying, such as 30 deg"
+ROLL = "angle by which a patient who lies is turned in bed, from the back toward the left side"
+LENGTH_ERROR = 0.05     # of the vectors of an orientation, whose length says nothing
+MOST_SPANS = 12         # turns that are looked at one by one when times are foretold
 INERTIA_OF_TURN = 1.0  # the inertial forces of a turn, which are left out, over the buoyancy, from which that is noted
 
 
@@ -37,6 +37,8 @@ class Turn:
 
     start: float = parameter(unit="s", minimum=0.0, meaning="time at which the turn begins")
     to: str = parameter(choices=tuple(POSTURES), meaning="posture after the turn")
+    head_up: float = parameter(0.0, unit="rad", minimum=-RIGHT_ANGLE, maximum=RIGHT_ANGLE, meaning=HEAD_UP)
+    roll: float = parameter(0.0, unit="rad", minimum=-HALF_TURN, maximum=HALF_TURN, meaning=ROLL)
     duration: float = parameter(1.0, unit="s", exclusive_minimum=0.0, meaning="time the turn takes")
 
 
@@ -57,23 +59,47 @@ class GravityParameters:
 
     magnitude: float = parameter(9.81, unit="m/s**2", minimum=0.0, maximum=200.0, meaning="acceleration of gravity")
     posture: str = parameter("upright", choices=tuple(POSTURES), meaning="posture of the patient at the start")
+    head_up: float = parameter(0.0, unit="rad", minimum=-RIGHT_ANGLE, maximum=RIGHT_ANGLE, meaning=HEAD_UP)
+    roll: float = parameter(0.0, unit="rad", minimum=-HALF_TURN, maximum=HALF_TURN, meaning=ROLL)
     turns: tuple[Turn, ...] = parameter((), meaning="turns of the patient, in order, not overlapping")
+    orientation: tuple[tuple[float, float, float, float], ...] = parameter(
+        (), file="head_orientation",
+        meaning="in place of posture and turns a CSV file of the orientation of the head, or its lines: time in s and "
+                "direction of gravity in the head (x to the patient's left, y superior, z anterior)")
+    second_means: float = parameter(1.0, unit="s", exclusive_minimum=0.0,
+                                    meaning="time of turns and orientation that passes in a simulated second")
     jolts: tuple[Jolt, ...] = parameter((), meaning="jolts of the head")
 
-    @property
-    def postures(self) -> list[str]:
-        """Postures of the patient, one after the other."""
-        return [self.posture, *(turn.to for turn in self.turns)]
+    @functools.cached_property
+    def course(self) -> Course:
+        """Directions of gravity over simulated time."""
+        scale = self.second_means
+        if self.orientation:
+            rows = [(time / scale, _unit(direction)) for time, *direction in self.orientation]
+            return Course(rows[0][1], words_of(rows[0][1]), tuple(
+                Move(begin, end, start, to, False, words_of(to))
+                for (begin, start), (end, to) in itertools.pairwise(rows)))
+        held = first = tuple(direction_of(self.posture, self.head_up, self.roll))
+        moves = []
+        for turn in self.turns:
+            to = tuple(direction_of(turn.to, turn.head_up, turn.roll))
+            moves.append(Move(turn.start / scale, (turn.start + turn.duration) / scale, held, to, True,
+                              posture_in_words(turn.to, turn.head_up, turn.roll)))
+            held = to
+        return Course(first, posture_in_words(self.posture, self.head_up, self.roll), tuple(moves))
 
     def largest_jolt(self, dimension: int) -> float:
         """Largest acceleration in a jolt, m/s2."""
         return max((math.hypot(*jolt.acceleration[:dimension]) for jolt in self.jolts), default=0.0)
 
-    def turn_angles(self, duration: float) -> list[tuple[Turn, float]]:
-        """Turns that begin within a duration, s, with their angles in rad."""
-        cosines = [float(np.dot(POSTURES[one], POSTURES[other])) for one, other in itertools.pairwise(self.postures)]
-        return [(turn, math.acos(cosine)) for turn, cosine in zip(self.turns, cosines, strict=True)
-                if turn.start < duration]
+    def moves_within(self, duration: float) -> list[Move]:
+        """Moves of gravity that begin within a duration, s."""
+        return [move for move in self.course.moves if move.begin < duration]
+
+
+def _unit(direction) -> tuple[float, ...]:
+    length = math.hypot(*direction)
+    return tuple(component / length for component in direction)
 
 
 def _check_turns(parameters):
@@ -84,38 +110,76 @@ def _check_turns(parameters):
                    f"is {following.start:g} s, but the turn before ends at {end:g} s, and turns must not overlap")
 
 
+def _check_postures(parameters):
+    for key, one in ((("posture",), parameters), *((("turns", i, "to"), turn) for i, turn in enumerate(
+            parameters.turns))):
+        name = one.posture if one is parameters else one.to
+        if name == "upright" and (one.head_up or one.roll):
+            yield (("effects", "gravity", *key), "is upright, but head_up or roll is told, which are of a patient who "
+                                                 "lies; begin with supine, prone, left_side or right_side")
+
+
+def _check_orientation(parameters):
+    key, rows = ("effects", "gravity", "orientation"), parameters.orientation
+    if not rows:
+        return
+    if parameters.turns:
+        yield key, "is given together with turns, but only one of them can tell how the head turns; remove one"
+    length = [math.hypot(*row[1:]) for row in rows]
+    for index, one in enumerate(length):
+        if abs(one - 1.0) > LENGTH_ERROR:
+            yield ((*key, index), f"has a direction of gravity of length {one:.3g}, but it must be 1 (within "
+                                  f"{100 * LENGTH_ERROR:g} %)")
+    if rows[0][0] != 0.0:
+        yield (*key, 0), f"is at {rows[0][0]:g} s, but the first line must be at 0 s"
+    for index, (before, after) in enumerate(itertools.pairwise(rows)):
+        if after[0] <= before[0]:
+            yield ((*key, index + 1), f"is at {after[0]:g} s, but must be later than the line before, at "
+                                      f"{before[0]:g} s")
+    start = np.dot(direction_of(parameters.posture, parameters.head_up, parameters.roll), rows[0][1:])
+    if parameters.posture != "upright" and start < math.cos(math.radians(20.0)):
+        yield (("effects", "gravity", "posture"), f"is {parameters.posture}, but orientation begins otherwise; remove "
+                                                  "posture (null), for orientation tells it")
+
+
+def _check_time_lapse(parameters, output):
+    key = ("effects", "gravity", "second_means")
+    shown_as = output.second_means or 1.0
+    if parameters.second_means != 1.0 and not math.isclose(shown_as, parameters.second_means):
+        yield (key, f"is {parameters.second_means:g} s, but output.second_means is {shown_as:g} s; both must be the "
+                    "same, so that clocks in pictures and curves tell the time of the turns")
+    if parameters.second_means != 1.0 and parameters.jolts:
+        yield (("effects", "gravity", "jolts"), "are there, but second_means is not 1 s: a jolt cannot be told in a "
+                                                "time-lapse; remove one of them")
+
+
 def _check_plane(parameters, dimension):
     if dimension != 2:
         return
     allowed = [name for name, direction in POSTURES.items() if direction[2] == 0.0]
-    postures = {("posture",): parameters.posture} | {
-        ("turns", i, "to"): turn.to for i, turn in enumerate(parameters.turns)}
-    for key, posture in postures.items():
-        if posture not in allowed:
-            yield (("effects", "gravity", *key), f"is {posture}, which points out of the plane of a scene in two "
-                                                 f"dimensions, but must be one of {', '.join(allowed)}")
+    if parameters.orientation:
+        if any(row[3] for row in parameters.orientation):
+            yield (("effects", "gravity", "orientation"), "points out of the plane of a scene in two dimensions, but z "
+                                                          "must be 0 in all lines")
+        return
+    postures = {("posture",): (parameters.posture, parameters.roll)} | {
+        ("turns", i, "to"): (turn.to, turn.roll) for i, turn in enumerate(parameters.turns)}
+    for key, (posture, roll) in postures.items():
+        if posture not in allowed or roll:
+            yield (("effects", "gravity", *key), f"is {posture}{' with a roll' if roll else ''}, which points out of "
+                                                 f"the plane of a scene in two dimensions, but must be one of "
+                                                 f"{', '.join(allowed)}")
 
 
-def _falling_speed(postures, scales, gravity: float) -> float:
-    """Speed of the fall from the top of the liquid to the wall below, in any of the postures, m/s."""
+def _falling_speed(directions, scales, gravity: float) -> float:
+    """Speed of the fall from the top of the liquid to the wall below, with any direction of gravity, m/s."""
     heights = []
-    for posture in postures:
-        up = -np.array(POSTURES[posture][: scales.scene.dimension])
+    for direction in directions:
+        up = -np.array(direction[: scales.scene.dimension])
         box = np.outer([0.0, 1.0], scales.scene.container.size)
         tops = [np.maximum(up * block.lower, up * block.upper).sum() for block in scales.scene.blocks]
         heights.append(max(tops) - np.minimum(up * box[0], up * box[1]).sum())
     return math.sqrt(2.0 * gravity * max(heights))
-
-
-def rotate_towards(start, end, fraction: float) -> np.ndarray:
-    """Unit vector on the great circle from `start` to `end`; opposite vectors turn about the horizontal x axis."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    angle = np.arccos(np.clip(start @ end, -1.0, 1.0))
-    side = end - (start @ end) * start
-    if np.linalg.norm(side) < 1e-9:
-        side = np.cross(start, (1.0, 0.0, 0.0)) if abs(start[0]) < 0.9 else np.cross(start, (0.0, 1.0, 0.0))
-    side = side / np.linalg.norm(side)
-    return np.cos(fraction * angle) * start + np.sin(fraction * angle) * side
 
 
 @ti.data_oriented
@@ -126,7 +190,7 @@ class Gravity(Effect):
     Parameters = GravityParameters
     uses = ("mass", "volume", "position")
     does = frozenset({WEIGHS})
-    checks = (_check_turns, _check_plane)
+    checks = (_check_turns, _check_postures, _check_orientation, _check_time_lapse, _check_plane)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
@@ -151,18 +215,26 @@ class Gravity(Effect):
 
     @classmethod
     def down_at_start(cls, parameters) -> np.ndarray:
-        return np.array(POSTURES[parameters.posture])
+        return np.array(parameters.course.first)
+
+    @classmethod
+    def held(cls, parameters, duration):
+        return parameters.course.held(duration)
 
     @classmethod
     def spans(cls, parameters, fill, cavity_volume):
-        for what, events in (("turn", parameters.turns), ("jolt", parameters.jolts)):
-            for one in events:
-                yield what, one.start, one.start + one.duration
+        turns = parameters.course.turns()
+        if len(turns) > MOST_SPANS:
+            yield "turns", turns[0].begin, turns[-1].end
+        else:
+            yield from (("turn", turn.begin, turn.end) for turn in turns)
+        for jolt in parameters.jolts:
+            yield "jolt", jolt.start, jolt.start + jolt.duration
 
     @classmethod
     def events(cls, parameters, fill, cavity_volume):
-        for turn in parameters.turns:
-            yield f"turn to {turn.to}", turn.start, turn.start + turn.duration
+        for turn in parameters.course.turns():
+            yield f"turn to {turn.words}", turn.begin, turn.end
         for jolt in parameters.jolts:
             yield "jolt", jolt.start, jolt.start + jolt.duration
 
@@ -172,8 +244,8 @@ class Gravity(Effect):
         if parameters and parameters.magnitude == 0.0 and not parameters.jolts:
             yield Advice(WARNING, cls.name, "does nothing: its magnitude is 0 m/s2, not above 0")
         acceleration = scales.buoyancy(gravity)
-        postures = parameters.postures if parameters else ["upright"]
-        speed = scales.buoyant_speed(gravity) if closed else _falling_speed(postures, scales, gravity)
+        directions = parameters.course.directions if parameters else [POSTURES["upright"]]
+        speed = scales.buoyant_speed(gravity) if closed else _falling_speed(directions, scales, gravity)
         reach = scales.reach(acceleration, speed)
         if not scales.gravity:
             if parameters is None and is_seen(reach, scales):
@@ -194,11 +266,22 @@ class Gravity(Effect):
 
     @classmethod
     def _advice_on_turns(cls, parameters, scales):
-        events = [(f"the turn to {turn.to}", turn) for turn in parameters.turns]
-        for what, event in events + [("a jolt", jolt) for jolt in parameters.jolts]:
-            if event.start >= scales.duration:
-                yield Advice(WARNING, cls.name, f"{what} is not reached: it starts at {shown(event.start, 's')}, but "
-                                                f"the scene ends at {shown(scales.duration, 's')}")
+        events = [(f"the turn to {turn.words}", turn.begin) for turn in parameters.course.turns()]
+        for what, start in events + [("a jolt", jolt.start) for jolt in parameters.jolts]:
+            if start >= scales.duration:
+                yield Advice(WARNING, cls.name, f"{what} is not reached: it starts at {shown(start, 's')}, but the "
+                                                f"scene ends at {shown(scales.duration, 's')}")
+        if parameters.second_means != 1.0:
+            settles = cls._settling_time(parameters, scales)
+            held = [end - begin for begin, end, *_ in parameters.course.held(scales.duration)]
+            brief = sum(time < settles for time in held)
+            yield Advice(WARNING if brief else NOTE, cls.name,
+                         f"a time-lapse: {long_time(parameters.second_means)} of the turns pass in a simulated second, "
+                         f"but the liquids settle in their own time, about {shown(settles, 's')} after a turn, which "
+                         f"looks like {long_time(settles * parameters.second_means)}; "
+                         + (f"{brief} of {len(held)} postures are held for less, and do not come to rest (a patient "
+                            "who holds one for a minute does)" if brief else
+                            "a posture that is held for longer ends as a patient has it after a minute"))
         buoyancy, inertia = scales.buoyancy(scales.gravity), cls.omitted_acceleration(parameters, scales)
         if buoyancy and inertia > INERTIA_OF_TURN * buoyancy:
             yield Advice(NOTE, cls.name, "the inertial forces of a turn are left out: the wall accelerates by up to "
@@ -206,10 +289,20 @@ class Gravity(Effect):
                                          f"(small below {INERTIA_OF_TURN:g})")
 
     @classmethod
+    def _settling_time(cls, parameters, scales) -> float:
+        """Time that a drop of half the length of the cavity takes through it, in the stiffest liquid, s.
+
+        At the speed of a drop in a far stiffer liquid, drho g a^2 / (3 mu) with a = L/2, over two lengths.
+        """
+        weight = scales.density_difference * parameters.magnitude * scales.length
+        viscous = 24.0 * scales.stiffest.dynamic_viscosity / weight if weight else 0.0
+        return max(viscous, math.sqrt(scales.length / scales.buoyancy(parameters.magnitude)) if weight else 0.0)
+
+    @classmethod
     def speeds(cls, parameters, scales):
         gravity, closed = parameters.magnitude, scales.scene.closed
         if gravity and not closed:
-            yield Quantity("fall", _falling_speed(parameters.postures, scales, gravity), "m/s",
+            yield Quantity("fall", _falling_speed(parameters.course.directions, scales, gravity), "m/s",
                            "sqrt(2 g H), fall from the top of the liquid to the wall below")
         elif gravity:
             yield Quantity("buoyant", scales.buoyant_speed(gravity), "m/s",
@@ -226,16 +319,19 @@ class Gravity(Effect):
 
     @classmethod
     def wall_speeds(cls, parameters, scales):
-        turns = parameters.turn_angles(scales.duration)
-        if turns:
-            speed = max(PEAK_RATE * angle / turn.duration * scales.length for turn, angle in turns)
+        moves = parameters.moves_within(scales.duration)
+        if moves:
+            speed = max((PEAK_RATE if move.smooth else 1.0) * move.angle / (move.end - move.begin) * scales.length
+                        for move in moves)
             yield Quantity("turn", speed, "m/s", "of the wall; not counted, for a turn changes the direction of "
                                                  "gravity only")
 
     @classmethod
     def omitted_acceleration(cls, parameters, scales) -> float:
-        return max((PEAK_ACCELERATION * angle / turn.duration**2 * scales.length
-                    for turn, angle in parameters.turn_angles(scales.duration)), default=0.0)
+        # What a time-lapse hurries is no acceleration of a head, and that between lines of a file is not known.
+        scale = parameters.second_means
+        return max((PEAK_ACCELERATION * move.angle / (scale * (move.end - move.begin))**2 * scales.length
+                    for move in parameters.moves_within(scales.duration) if move.smooth), default=0.0)
 
     @classmethod
     def time_scales(cls, parameters, scales):
@@ -248,9 +344,9 @@ class Gravity(Effect):
             if closed and scales.viscous and viscosity > 0.0:
                 yield Quantity("buoyancy, viscous", viscosity / (scales.density_difference * gravity * length), "s",
                                "mu/(drho g L) of the stiffest liquid: difference of weights against viscosity")
-        if parameters.turns:
-            yield Quantity("turn", min(turn.duration for turn in parameters.turns), "s",
-                           "shortest turn of the posture")
+        turns = parameters.course.turns()
+        if turns:
+            yield Quantity("turn", min(turn.end - turn.begin for turn in turns), "s", "shortest turn of the posture")
 
     @classmethod
     def wave_speeds(cls, parameters, scales):
@@ -261,11 +357,7 @@ class Gravity(Effect):
 
     def direction(self, time: float) -> np.ndarray:
         """Direction of gravity in the eye at `time`, (3,); turns follow the minimum-jerk profile."""
-        held = np.asarray(POSTURES[self.parameters.posture])
-        for turn in self.parameters.turns:
-            s = min(max((time - turn.start) / turn.duration, 0.0), 1.0)
-            held = rotate_towards(held, POSTURES[turn.to], s**3 * (10.0 - 15.0 * s + 6.0 * s * s))  # (G2)
-        return self.solver.into_eye(held, time)
+        return self.solver.into_eye(self.parameters.course.at(time), time)
 
     def at(self, time: float) -> np.ndarray:
         """Gravity less the acceleration of the head at `time`, in the eye, (dimension,), m/s^2."""
@@ -286,8 +378,8 @@ class Gravity(Effect):
         solver, fall = self.solver, 0.0
         share = max(abs(1.0 - self.reference_density / liquid.density) for liquid in solver.liquids)
         position = solver.particles.to_numpy("position").astype(float)
-        for posture in self.parameters.postures:
-            up = -np.array(POSTURES[posture])[: solver.dimension]
+        for direction in self.parameters.course.directions:
+            up = -np.array(direction)[: solver.dimension]
             bottom = (solver.walls.position.to_numpy() @ up).min()
             height = (position @ up).max() - bottom if np.any(up) else 0.0
             fall = max(fall, share * self.parameters.magnitude * height)

@@ -1,18 +1,27 @@
 """Frames open in VTK, pyvista and meshio; frames and checkpoints come back as they were written."""
 import io
+import os
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
 import pytest
 import pyvista
+import trimesh
 from synthetic_frames import make_frame
 
 from pipeline import frames as stage
+from pipeline.base import files
 from pipeline.base import frame_files as frames
+from pipeline.base.checksum import DamagedFile
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
+from pipeline.base.numpy_files import write_arrays
 from pipeline.base.progress import PlainProgress
 from pipeline.base.vtk_files import text_of
+from pipeline.cavity.initial_state import NAMES, load_initial, save_initial
+from pipeline.cavity.surface import read_mesh, write_mesh
+from pipeline.simulation.runner import restore, unlike
 
 
 def assert_same(one, other):
@@ -111,6 +120,110 @@ def test_checkpoint_errors_are_sentences(tmp_path):
             frames.load_checkpoint(path)
     with pytest.raises(TypeError, match="'state'"):
         frames.save_checkpoint(path, {"state": None})
+
+
+@pytest.mark.parametrize("kind", ["frame", "checkpoint", "initial state", "surface"])
+def test_every_flipped_bit_is_found_and_named(tmp_path, kind):
+    """Of 200 bits anywhere in the file, the last bytes among them."""
+    path, read = WRITERS[kind](tmp_path)
+    whole, random = path.read_bytes(), np.random.default_rng(1)
+    read(path)
+    for bit in [*random.integers(0, 8 * len(whole), 200), 8 * len(whole) - 1, 0]:
+        spoiled = bytearray(whole)
+        spoiled[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(spoiled)
+        with pytest.raises(DamagedFile, match=f"^{path}: is damaged"):
+            read(path)
+
+
+def _written_frame(folder):
+    frames.write_frame(frames.frame_path(folder, 0), make_frame())
+    return frames.frame_path(folder, 0), frames.read_frame
+
+
+def _written_checkpoint(folder):
+    frames.save_checkpoint(folder / "segment_000.npz", {"position": np.arange(30.0), "time": 0.5})
+    return folder / "segment_000.npz", frames.load_checkpoint
+
+
+def _written_initial_state(folder):
+    save_initial(folder / "initial.npz", dict.fromkeys(NAMES, 0.0))
+    return folder / "initial.npz", load_initial
+
+
+def _written_surface(folder):
+    write_mesh(trimesh.creation.icosphere(1), folder / "eye.vtp")
+    return folder / "eye.vtp", read_mesh
+
+
+WRITERS = {"frame": _written_frame, "checkpoint": _written_checkpoint, "initial state": _written_initial_state,
+           "surface": _written_surface}
+
+
+def test_equal_states_make_equal_files(tmp_path):
+    for kind, write in WRITERS.items():
+        contents = []
+        for name in ("one", "other"):
+            (tmp_path / kind / name).mkdir(parents=True)
+            contents.append(write(tmp_path / kind / name)[0].read_bytes())
+        assert contents[0] == contents[1], kind
+
+
+def test_no_file_of_a_run_can_run_code(tmp_path):
+    """Objects in an archive of NumPy are Python's own format, which runs what it is told to."""
+    class Harm:
+        def __reduce__(self):
+            return (tmp_path / "harm").touch, ()
+
+    path = tmp_path / "checkpoint.npz"
+    write_arrays(path, {"position": np.array([Harm()], dtype=object)})
+    with pytest.raises(DamagedFile, match="allow_pickle"):
+        frames.load_checkpoint(path)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_a_file_is_on_the_disk_before_it_gets_its_name(tmp_path, monkeypatch):
+    """Else a loss of power may leave an empty file of that name; `benchmarks/faults/power_loss.py` takes it away."""
+    done = []
+
+    def record(name, what):
+        function = getattr(os, name)
+        monkeypatch.setattr(files.os, name, lambda *given: (done.append(what(*given)), function(*given))[1])
+
+    record("fsync", lambda descriptor: ("disk", os.readlink(f"/proc/self/fd/{descriptor}").rpartition("/")[2]))
+    record("replace", lambda old, new: ("rename", str(new).rpartition("/")[2]))
+    files.write_text(tmp_path / "table.csv", "1")
+    assert done == [("disk", f".table.{os.getpid()}.csv"), ("rename", "table.csv"), ("disk", tmp_path.name)]
+    done.clear()
+    with files.replacing_folder(tmp_path / "frames") as folder:
+        (folder / "one").touch()
+    temporary = f".frames.{os.getpid()}"
+    assert done == [("disk", "one"), ("disk", temporary), ("rename", "frames"), ("disk", tmp_path.name)]
+
+
+STATE = {"particles.id": np.arange(4), "particles.position": np.arange(12.0).reshape(4, 3), "time": 0.5,
+         "particles.acceleration": np.zeros((4, 3)), "scheme.wall_compression_rest": np.ones(7)}
+
+
+@pytest.mark.parametrize(("name", "place", "value", "reason"), [
+    ("particles.acceleration", (2, 1), np.nan, "particles.acceleration is not finite at particle 2"),
+    ("scheme.wall_compression_rest", 3, np.inf, "scheme.wall_compression_rest is not finite at place 3"),
+    ("particles.position", 3, [3.0, 4.0, 5.0], "particles 1 and 3 are at one place"),
+    ("particles.id", 3, 0, "particles 0 and 0 have one number"),
+    ("particles.acceleration", None, np.zeros((3, 3)), r"of the shape \(3, 3\), but must have the shape \(4, 3\)"),
+    ("scheme.wall_compression_rest", None, np.array(["x"] * 7), "is <U1 of the shape"),
+])
+def test_what_no_run_leaves_in_a_checkpoint_is_named(tmp_path, name, place, value, reason):
+    state = {key: np.copy(values) for key, values in STATE.items()}
+    assert unlike(state, STATE) == ""
+    if place is None:
+        state[name] = value
+    else:
+        state[name][place] = value
+    runner = SimpleNamespace(solver=SimpleNamespace(state=lambda: STATE))
+    with pytest.raises(UserError, match=reason) as caught:
+        restore(runner, state, tmp_path / "segment_000.npz", begins=False)
+    assert str(caught.value).startswith(f"{tmp_path}/segment_000.npz: is no checkpoint that this scene can start from")
 
 
 def test_failed_write_leaves_the_old_folder(tmp_path):

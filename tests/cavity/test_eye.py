@@ -11,8 +11,11 @@ import pyvista
 import trimesh
 from conftest import ROOT
 
+from pipeline import eye as stage
 from pipeline.base.errors import UserError
+from pipeline.cavity import mesh_import
 from pipeline.cavity.mesh_import import MeshRefused, globe_center, import_mesh
+from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.cavity.surface import cavity_mesh, read_mesh, write_mesh
 from pipeline.scenes.eye_shape import LENSES, eye_mesh, eye_shape, published_volume
 from pipeline.scenes.load import load_scene
@@ -182,9 +185,10 @@ def test_shapes_that_are_no_cavity_are_refused(eye, tmp_path):
 
 @pytest.mark.parametrize("name, content, sentence", [
     ("eye.step", "", 'format ".step" is not known'),
-    ("eye.stl", "hello", "holds no triangles"),
+    ("eye.stl", "hello", "is cut short"),
+    ("eye.stl", "solid eye\nfacet normal", "is cut short"),
     ("eye.ply", "ply\n", "cannot be read as PLY"),
-    ("eye.vtp", "hello", "holds no triangles"),
+    ("eye.vtp", "hello", "cannot be read as VTP .it is damaged or of another format"),
     ("eye.msh", "hello", "cannot be read as MSH"),
     ("eye.obj", "v 1 2 nan\nv 1 2 3\nv 2 3 4\nf 1 2 3\n", "1 vertices are not finite"),
     ("eye.obj", None, "no such file"),
@@ -196,6 +200,46 @@ def test_broken_files_give_one_sentence(tmp_path, capfd, name, content, sentence
         import_mesh(tmp_path / name)
     assert "\n" not in str(error.value) and "eye.path" in str(error.value)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+@pytest.mark.parametrize("share", [0.0005, 0.5, 0.999])
+def test_truncated_stl_is_called_cut_short(eye, tmp_path, kind, share):
+    content = trimesh.exchange.export.export_mesh(eye, tmp_path / "eye.stl", file_type=kind)
+    content = content if isinstance(content, bytes) else content.encode()
+    (tmp_path / "eye.stl").write_bytes(content[:int(share * len(content))])
+    with pytest.raises(UserError, match=r"eye.stl \(eye.path\): is cut short \(.*, export or copy it again$"):
+        import_mesh(tmp_path / "eye.stl")
+
+
+@pytest.mark.parametrize(("shape", "sentence"), [
+    (trimesh.creation.box([20.0] * 3), "a sphericity of 0.81, but the cavity of an eye has more than 0.93"),
+    (trimesh.creation.torus(8.0, 5.0, 64, 64), "has 1 handle, like a ring, but the cavity of an eye has none"),
+])
+def test_shapes_unlike_an_eye_are_told(tmp_path, capsys, shape, sentence):
+    scene = dataclasses.replace(load_scene(TAMPONADE), eye=Eye(model="mesh", path=str(exported(shape, tmp_path))))
+    (tmp_path / "scene.json").write_text(scene.to_json())
+    stage.main([str(tmp_path / "scene.json"), "--output", str(tmp_path / "eye.vtp"), "--report",
+                str(tmp_path / "eye.json")])
+    printed = capsys.readouterr().out
+    assert f"warning: {tmp_path / 'mesh.ply'} (eye.path): " in printed and sentence in printed
+
+
+def test_eyes_are_like_an_eye(tmp_path):
+    for lens in LENSES:
+        mesh = eye_mesh(eye_shape(0.020, lens=lens)).apply_scale(1e3)
+        assert import_mesh(exported(mesh, tmp_path), force=True).warnings == ()
+
+
+def test_triangles_that_no_particle_sees_are_reduced(eye, tmp_path, monkeypatch):
+    """The surface stays closed and in its place."""
+    most = len(eye.faces) // 2
+    monkeypatch.setattr(mesh_import, "MOST_TRIANGLES", most)
+    imported = import_mesh(exported(eye, tmp_path, "eye.stl"))
+    assert imported.repairs[0].startswith(f"reduced {len(eye.faces)} triangles to {len(imported.mesh.faces)}")
+    assert len(imported.mesh.faces) <= most + 2 and imported.mesh.is_watertight
+    assert imported.mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-3)
+    assert distance_to_triangles(imported.mesh, 1e-3 * eye.vertices[::50], longest_edge=1e-3).max() < 0.1e-3
 
 
 def run_stage(scene, folder) -> subprocess.CompletedProcess:

@@ -47,6 +47,16 @@ def test_oil_in_a_sphere_has_the_shape_of_young_and_laplace(sphere, fill, angle)
     assert lowest(rest) == pytest.approx(-abs(exact.apex), abs=0.15e-3)
 
 
+@pytest.mark.parametrize("fill", [0.6, 0.85])
+def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
+    exact = oil_at_rest(fill, OIL.contact_angle, 35.0 * 9.81 / 0.04, RADIUS, 3)
+    rest = at_rest(sphere, OIL, UPRIGHT, fill)
+    apex = rest.surface[rest.cavity.direction[:, 1].argmin()]
+    assert rest.contact_pressure(apex) == pytest.approx(2.0 * exact.curvature * OIL.tension, rel=0.03)
+    above = rest.contact_pressure(apex + np.array([0.0, 0.01, 0.0])) - rest.contact_pressure(apex)
+    assert above == pytest.approx(35.0 * 9.81 * 0.01)
+
+
 def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.85)
     found = shares(Contact.of(rest))

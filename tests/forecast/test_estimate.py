@@ -262,6 +262,8 @@ def test_rehearsal_decides_steps_and_iterations():
     short = synthetic(scene, rehearsals=[rehearsal(scene.numerics.particle_spacing, frames[:75], "it burst")])
     assert predict(scene, short).steps == 2 * (2 * 20 + 73 * 10)
     assert "rehearsed up to 1.5 s (it burst)" in predict(scene, short).notes[0]
+    assert not any("allowed_time" in note for note in predict(scene, short).notes)
+    assert "longer than allowed_time, 1 s," in predict(dataclasses.replace(scene, allowed_time=1.0), short).notes[-1]
     refused = rehearsal(coarse, [], "the fixed time step is too large")
     told = predict(scene, synthetic(scene, rehearsals=[refused, refused])).notes[0]
     assert "could not be rehearsed" in told and told.endswith("more: the fixed time step is too large")

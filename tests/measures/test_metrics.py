@@ -13,6 +13,7 @@ from pipeline.base import palette
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData, frame_path, write_frame
 from pipeline.base.tables import read_table
+from pipeline.cavity.initial_state import save_initial
 from pipeline.cavity.shapes import shape_arrays
 from pipeline.measures import plots, rest
 from pipeline.measures.coverage import WallContact
@@ -62,7 +63,8 @@ def make_state(initial, oil, *, velocity=0.0, position=None, statistics=None, ti
 
 def values(state):
     turns = "eye_rotation" in state.scene.effects
-    return {column: number for one in metrics.METRICS if turns or not one.of_rotation
+    return {column: number for one in metrics.METRICS
+            if (turns or not one.of_rotation) and not one.of_places
             for column, number in one.columns(state).items()}
 
 
@@ -297,11 +299,12 @@ def test_droplets_are_counted_as_the_emulsion(sphere):
 def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     scene = make_scene()
     assert not any(one.of_mixture for one in metrics.metrics_of(scene))
+    everywhere = [one for one in metrics.METRICS if not one.of_places]
     mixing = dataclasses.replace(scene, effects={"diffusion": DiffusionParameters(1e-6)})
-    assert metrics.metrics_of(mixing) == [one for one in metrics.METRICS if not one.of_rotation]
+    assert metrics.metrics_of(mixing) == [one for one in everywhere if not one.of_rotation]
     turning = dataclasses.replace(scene, effects=mixing.effects | {
         "eye_rotation": EyeRotationParameters(saccades=(Saccade(0.0, np.radians(9.0)),))})
-    assert metrics.metrics_of(turning) == metrics.METRICS
+    assert metrics.metrics_of(turning) == everywhere
 
 
 def table_of(coverage):
@@ -369,7 +372,7 @@ def test_columns_belong_to_the_longest_name():
 def run_folder(tmp_path, sphere):
     """Return an output folder with two segments, as the stages before write it."""
     (tmp_path / "scene.json").write_text(make_scene().to_json())
-    np.savez(tmp_path / "initial.npz", **sphere)
+    save_initial(tmp_path / "initial.npz", sphere)
     for index, segment in [(0, 0), (1, 0), (2, 1)]:
         state = make_state(sphere, sphere["fluid_position"][:, 1] > 1e-3 * index, time=0.1 * index,
                            statistics={"pressure_iterations": 7.0, "time_step": 1e-3} if index else {})

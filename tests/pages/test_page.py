@@ -14,6 +14,7 @@ from pipeline import metrics, movie, page
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
+from pipeline.cavity.initial_state import save_initial
 from pipeline.pages.headlines import headlines
 from pipeline.pages.movie_copy import movie_within
 from pipeline.reconstruct import Wall, write_surfaces
@@ -22,6 +23,7 @@ from pipeline.surfaces.liquid_surface import Reconstructor
 
 FRAMES = 5
 TITLE = 'Oil <b>& "water"</b></script>'
+HOSTILE = "<script>alert(1)</script> $x_{ {{ 7 * 7 }} 😀"
 WIDTHS = (1400, 390)
 
 
@@ -33,11 +35,12 @@ def run_folder(tmp_path_factory, taichi):
     folder = tmp_path_factory.mktemp("outputs") / "tiny" / "draft"
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     scene = dataclasses.replace(
-        scene, title=TITLE, numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
+        scene, title=TITLE, label=HOSTILE, description=HOSTILE,
+        numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
         output=dataclasses.replace(scene.output, frames_per_segment=FRAMES))
     folder.mkdir(parents=True)
     (folder / "scene.json").write_text(scene.to_json())
-    np.savez(folder / "initial.npz", **ball())
+    save_initial(folder / "initial.npz", ball())
     eye = pyvista.Icosphere(radius=RADIUS, nsub=3)
     eye.save(folder / "eye.vtp")
     frames, images, surfaces = (folder / name / "segment_000" for name in ("frames", "images", "surfaces"))
@@ -64,7 +67,8 @@ def write_costs(folder):
     """Write what the simulation, the stages and the estimate say of a run."""
     for name in ("costs", "logs"):
         (folder / name).mkdir()
-    (folder / "costs" / "segment_000.json").write_text(json.dumps({"steps": 200, "particles": 3216, "device": "cpu"}))
+    (folder / "costs" / "segment_000.json").write_text(
+        json.dumps({"steps": 200, "particles": 3216, "device": "cpu", "frames": []}))
     (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
     error = {"quantity": "laplace: pressure jump", "value": 0.004, "unit": "1", "source": "a table"}
     (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [error]}]}))
@@ -104,6 +108,7 @@ def test_page_says_first_what_people_ask_for(index):
 
 def test_titles_are_text(index):
     text = index.read_text()
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt; $x_{ {{ 7 * 7 }} 😀") == 2 and "<script>alert" not in text
     assert "<h1>Oil &lt;b&gt;&amp; &#34;water&#34;&lt;/b&gt;&lt;/script&gt;</h1>" in text and "Oil <b>" not in text
 
 

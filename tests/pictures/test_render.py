@@ -13,6 +13,7 @@ from pipeline import movie, render
 from pipeline.base import cli
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.cavity.initial_state import save_initial
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
@@ -46,7 +47,7 @@ def run_folder(tmp_path_factory, request, taichi):
     scene = dataclasses.replace(scene, output=dataclasses.replace(scene.output, image_size=SIZE), label="not to scale",
                                 eye=dataclasses.replace(scene.eye, lens="aphakic"))
     (folder / "scene.json").write_text(scene.to_json())
-    np.savez(folder / "initial.npz", **ball())
+    save_initial(folder / "initial.npz", ball())
     eye = pyvista.Icosphere(radius=RADIUS, nsub=4)
     eye.save(folder / "eye.vtp")
     position = lattice()

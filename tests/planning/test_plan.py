@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from pipeline.equilibrium.contact import Contact, interpolation
+from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import at_rest
 from pipeline.equilibrium.star_cavity import cavity_of
-from pipeline.planning.breaks import Break, direction, read_break
+from pipeline.planning.breaks import Break, read_break
 from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.search import MAP, Question, Tables, answers
 from pipeline.planning.settings import load_settings, postures
 from pipeline.planning.touch import FILLS, LATITUDES, MERIDIANS, fills_needed, key_of, read_tables, write_tables
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Eye
+from pipeline.scenes.retina import direction
 
 
 def plan(*arguments) -> subprocess.CompletedProcess:
@@ -116,7 +118,7 @@ def test_the_fill_of_the_map_just_covers_the_break(tables, posture):
     fill = answers(asked, tables, 11.3e-3)[0].fill
     cavity = cavity_of(Eye())
     rest = at_rest(cavity, asked.liquids(*asked.oils.values()), postures()[posture], fill)
-    corners, weights = interpolation(cavity, direction(*place.patch()))
+    corners, weights = interpolation(cavity.wall, cavity.faces, direction(*place.patch()))
     margin = (Contact.of(rest).margin[corners] * weights).sum(axis=1)
     assert abs(margin.min()) < 0.5e-3
 
@@ -126,7 +128,7 @@ def test_the_map_is_that_of_the_solver():
     table = read_tables(MAP)[key_of(asked.liquids(*asked.oils.values()), "upright")]
     cavity = cavity_of(Eye())
     meridian, latitude = (grid.ravel() for grid in np.meshgrid(MERIDIANS, LATITUDES))
-    corners, weights = interpolation(cavity, direction(meridian, latitude))
+    corners, weights = interpolation(cavity.wall, cavity.faces, direction(meridian, latitude))
     for fill in (0.75, 0.85, 0.92):
         rest = at_rest(cavity, asked.liquids(*asked.oils.values()), postures()["upright"], fill)
         margin = (Contact.of(rest).margin[corners] * weights).sum(axis=1).reshape(table.needed.shape)

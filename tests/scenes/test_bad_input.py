@@ -81,11 +81,11 @@ def test_left_over_of_killed_processes_is_removed(tmp_path):
 
 
 def test_snakemake_repeats_the_sentence_at_the_end(project):
-    (project.folder / "config/scenes/eye.stl").write_text("solid nothing")
+    (project.folder / "config/scenes/eye.stl").write_text("nothing")
     project.write_scene("broken", "extends: tiny\neye: {model: mesh, path: eye.stl}\n")
     code, output = project.snakemake("outputs/broken/draft/eye.vtp")
     assert code == 1 and "Traceback" not in output
-    sentence = "error: config/scenes/eye.stl (eye.path): holds no triangles"
+    sentence = "error: config/scenes/eye.stl (eye.path): is cut short"
     assert output.count(sentence) == 2 and output.rfind(sentence) > output.rfind("Error in rule eye")
 
 

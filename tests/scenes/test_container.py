@@ -17,6 +17,7 @@ from pipeline import render
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, frame_path, read_frame, write_frame
 from pipeline.base.tables import read_table
+from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.container import block_lattice, container_arrays
 from pipeline.metrics import isolated
 from pipeline.reconstruct import write_surfaces
@@ -347,7 +348,7 @@ def drawn(anew, write, tmp_path, monkeypatch):
         write_frame(path, state_of(scene, arrays))
         (tmp_path / "surfaces").mkdir()
         write_surfaces(tmp_path / "surfaces", path, read_frame(path), Reconstructor(arrays, 2, free_surface=True))
-        pyvista.Box().save(tmp_path / "eye.vtp")
+        write_vtk(pyvista.Box(), tmp_path / "eye.vtp")
         names = ("scene.json", "initial.npz", "eye.vtp", "frames", "surfaces")
         render.main([*(str(tmp_path / name) for name in names), "--output", str(tmp_path / "images"), *options])
         return np.asarray(Image.open(tmp_path / "images" / "frame_00000.png").convert("RGB")).astype(int)

@@ -12,7 +12,8 @@ from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
 from sim.diagnosis import Watcher
 from sim.effects import REGISTRY
-from sim.effects.gravity import POSTURES, Jolt, Turn, rotate_towards
+from sim.effects.gravity import Jolt, Turn
+from sim.effects.parts.postures import POSTURES, rotate_towards
 from sim.errors import OutOfRoom, RunError
 from sim.solver import CHANGE, SPEED, Divergence
 

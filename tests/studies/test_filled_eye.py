@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from pipeline.equilibrium import rest
+from pipeline.equilibrium.rest import Liquids
+from pipeline.equilibrium.star_cavity import COARSE, cavity_of
 from pipeline.scenes.materials import load_materials
+from pipeline.scenes.model import Eye
 from pipeline.studies import filled_eye
 from pipeline.study_kit.filled_eye_page import PARTS, SPHERE, Shares
 from pipeline.study_kit.model import Outcome
@@ -105,3 +109,13 @@ def test_the_page_is_written_with_its_table_and_pictures(study, outcomes, tmp_pa
         lines = list(csv.DictReader(file))
     assert {line["part"] for line in lines} >= set(PARTS)
     assert len({(line["tamponade"], line["posture"], line["fill [%]"], line["part"]) for line in lines}) == len(lines)
+
+
+def test_gas_in_front_of_the_viewpoint_is_seen_from_another_one(monkeypatch):
+    monkeypatch.setattr(rest, "STEPS", 40)  # those that settle need less
+    gas, fills = Liquids(1003.8, 0.072, np.radians(38.8)), (0.5,)
+    behind, front = cavity_of(Eye(), COARSE), cavity_of(Eye(), COARSE, from_front=True)
+    course = filled_eye._course((behind, front), gas, filled_eye.down_of("supine"), fills)
+    assert course.best[0].settled and course.best[0].cavity is front
+    found = dict(zip(PARTS, course.least[0], strict=True))
+    assert found["macula"] == 0.0 and found["superior"] == pytest.approx(found["inferior"], abs=0.02)

@@ -7,6 +7,7 @@ import pytest
 import taichi as ti
 from conftest import ROOT
 
+from pipeline import simulate
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_scene
 from pipeline.simulate import simulate_segment
@@ -114,6 +115,15 @@ def test_bad_last_step_before_a_frame_is_not_written(faulty, scene, tmp_path):
     with pytest.raises(UserError, match="the part 'fault' makes the velocity of particle 17"):
         simulate_segment(scene, Runner(solver), 0, tmp_path / "frames")
     assert [path.name for path in (tmp_path / "frames").iterdir()] == ["frame_00000.vtu"]
+
+
+def test_endless_run_is_asked_back_by_its_pace(faulty, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(simulate, "PACE_AFTER", 0.0)
+    short = dataclasses.replace(scene, allowed_time=1e-9)
+    with pytest.raises(UserError, match=r"^bad: after [^\n]* the rest takes [^\n]*, but allowed_time is 1e-09 s"):
+        simulate_segment(short, Runner(faulty(hook="none")), 0, tmp_path / "refused")
+    simulate_segment(scene, Runner(faulty(hook="none")), 0, tmp_path / "frames")
+    assert len(list((tmp_path / "frames").iterdir())) == 3
 
 
 # Hard cases, in short; the study `stability` has all of them on every scheme.

@@ -169,7 +169,7 @@ def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "level"), [("hard_eye_study", "standard"), ("step_size_study", "fine"),
-                                             ("injection_study", "draft")])
+                                             ("injection_size_study", "draft")])
 def test_case_solves_its_scene_at_the_level_of_the_study(name, level, monkeypatch):
     monkeypatch.chdir(ROOT)
     expected = load_accuracy_levels(ROOT / "config" / "accuracy.yaml")[level]

@@ -13,7 +13,7 @@ from pipeline import reconstruct
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.vtk_files import text_of
-from pipeline.cavity.initial_state import NAMES
+from pipeline.cavity.initial_state import NAMES, save_initial
 from pipeline.scenes.load import load_scene
 from pipeline.surfaces.contour import contour
 from pipeline.surfaces.fraction_field import smoothing_filter
@@ -250,7 +250,7 @@ def scene_files(folder, **output):
     scene = load_scene("config/scenes/tiny.yaml", accuracy="draft")
     scene = dataclasses.replace(scene, output=dataclasses.replace(scene.output, **output))
     (folder / "scene.json").write_text(scene.to_json())
-    np.savez(folder / "initial.npz", **dict.fromkeys(NAMES, 0) | ball())
+    save_initial(folder / "initial.npz", dict.fromkeys(NAMES, 0) | ball())
     for index, fraction in enumerate((np.zeros(len(POSITION)), oil_fraction(POSITION))):
         write_frame(frame_path(folder / "frames", index), frame_of(POSITION, fraction, time=0.1 * index))
     return [str(folder / name) for name in ("scene.json", "initial.npz", "frames")]

@@ -57,7 +57,7 @@ def missing() -> str:
     if programs:
         return f"there is no {', '.join(programs)}: install slurm-wlm and munge"
     if importlib.util.find_spec("snakemake_executor_plugin_slurm") is None:
-        return "there is no snakemake-executor-plugin-slurm: pip install -c constraints.txt '.[slurm]'"
+        return "there is no snakemake-executor-plugin-slurm: pip install -r requirements-clusters.txt"
     return "" if os.geteuid() == 0 else "only root may start jobs of other users, which slurmd and munged insist on"
 
 

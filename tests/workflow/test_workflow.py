@@ -1,5 +1,6 @@
 """Snakemake: every scene can be planned, one runs end to end, a killed run goes on, and wrong input is a sentence."""
 import os
+import runpy
 import shutil
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import pytest
 from conftest import ROOT, Project
 from snakemake_output import TRACE, planned
 
+import pipeline
 from pipeline.base import digest as code_digest
 from pipeline.base.digest import modules_used
 from pipeline.base.frame_files import find_frames, read_frame
@@ -216,6 +218,29 @@ def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
     (copy.outputs("tiny") / "initial.npz").touch()
     code, output = copy.snakemake("-n", *targets(can_draw))
     assert planned(output)["simulate"] == 2, output
+
+
+def test_library_takes_what_has_been_made(finished, can_draw):
+    dates = {path: path.stat().st_mtime_ns for path in finished.outputs("tiny").rglob("*.*")}
+    run = pipeline.run("tiny", folder=finished.folder, want=["metrics.csv", "frames"], progress=False)
+    assert dates == {path: path.stat().st_mtime_ns for path in finished.outputs("tiny").rglob("*.*")}
+    assert len(run.frames) == run.scene.frame_count and run.frames[-1].time == run.metrics.time[-1] == run.times[-1]
+    oil = run.surfaces(-1)["silicone_oil_1000"]
+    assert oil.is_manifold and 1e6 * oil.volume == pytest.approx(run.metrics["volume_silicone_oil_1000"][-1], rel=0.2)
+    assert run.wall().n_cells > 1000 and "of the retina is under oil" in run._repr_html_()
+    if can_draw:
+        assert run.picture(0.1).size == run.scene.output.image_size
+    for ask, sentence in ((lambda: run.picture(9.0), "at most 0.2 s"), (lambda: run.surfaces(5), "tiny has 5 frames"),
+                          (lambda: run.plot("nothing"), "has not been made; make it with")):
+        with pytest.raises(pipeline.UserError, match=sentence):
+            ask()
+
+
+@pytest.mark.slow
+def test_notebook_runs_as_it_is_shown(finished, opengl):
+    executed = runpy.run_path(str(ROOT / "docs" / "make_notebook.py"))["executed"]
+    shown = executed(finished.folder, scene="tiny")
+    assert all(cell.outputs for cell in shown.cells[2:] if cell.cell_type == "code")
 
 
 def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):

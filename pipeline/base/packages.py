@@ -1,0 +1,40 @@
+"""The packages that are installed: name, version, license."""
+import dataclasses
+import hashlib
+from importlib.metadata import Distribution, distributions
+
+UNKNOWN = "not stated"
+LONGEST = 60  # letters of a license: above, it is the text of one and no name
+
+
+@dataclasses.dataclass(frozen=True, order=True)
+class Package:
+    """A package as it states itself."""
+
+    name: str
+    version: str
+    license: str
+
+
+def packages() -> list[Package]:
+    """Return all packages that can be imported here, by name, each once: the one that is found first."""
+    found: dict[str, Package] = {}
+    for one in distributions():
+        name = one.metadata["Name"]
+        found.setdefault(name.lower().replace("_", "-"), Package(name, one.version, license_of(one)))
+    return [found[name] for name in sorted(found)]
+
+
+def license_of(one: Distribution) -> str:
+    """Return the license of a package: expression, else classifiers, field, or the head of its license file."""
+    expression, field = one.metadata["License-Expression"], one.metadata["License"] or ""
+    classifiers = [line.rpartition(" :: ")[2] for line in one.metadata.get_all("Classifier") or ()
+                   if line.startswith("License :: ") and not line.endswith("OSI Approved")]
+    files = [path for path in one.files or () if path.name.upper().startswith(("LICENSE", "LICENCE"))]
+    heads = (text.strip().partition("\n")[0].strip() for text in (field, *(path.read_text() for path in files)))
+    return expression or " / ".join(classifiers) or next((head for head in heads if 0 < len(head) <= LONGEST), UNKNOWN)
+
+
+def packages_digest() -> str:
+    """Return what changes when a package does."""
+    return hashlib.sha256(repr(packages()).encode()).hexdigest()[:16]

@@ -1,0 +1,117 @@
+"""Oil at rest in an eye, as a function: its shape, what it touches, a map of the fundus. No particle is simulated."""
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from PIL import Image
+
+from pipeline.base import page
+from pipeline.base.errors import UserError
+from pipeline.equilibrium.contact import Contact, shares
+from pipeline.equilibrium.rest import Liquids, Rest, least_at_rest
+from pipeline.equilibrium.star_cavity import cavity_of
+from pipeline.planning.chart import Charts
+from pipeline.planning.plan import read_eye, read_record
+from pipeline.planning.report import NO_ADVICE, percent
+from pipeline.planning.settings import Settings, load_settings, postures
+from pipeline.scenes.model import Eye
+from pipeline.scenes.reader import nearest
+from sim.parameters import parameter
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+@dataclasses.dataclass(frozen=True)
+class OilAtRest:
+    """Oil at rest; in a notebook what it touches, as map and table.
+
+    Attributes
+    ----------
+    oil, posture : names. fill : share of the cavity. eye : which one.
+    rest : the shape.
+    """
+
+    oil: str
+    fill: float
+    posture: str
+    eye: Eye
+    rest: Rest
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Covered shares of the wall and of the parts of the retina, between 0 and 1."""
+        return shares(Contact.of(self.rest))
+
+    @property
+    def surface(self) -> "pyvista.PolyData":
+        """The closed surface of the oil, in m."""
+        return self._mesh(self.rest.surface)
+
+    @property
+    def wall(self) -> "pyvista.PolyData":
+        """The wall of the cavity, in m; ``contact_distance``, m, is positive where the oil touches."""
+        wall = self._mesh(self.rest.cavity.wall)
+        wall.point_data["contact_distance"] = Contact.of(self.rest).margin
+        return wall
+
+    @functools.cached_property
+    def map(self) -> Image.Image:
+        """What the oil touches, as a map of the fundus: yellow is touched."""
+        return Charts(self.rest.cavity.wall, {}, self.eye.side == "right").draw(self.rest)
+
+    def _mesh(self, points: np.ndarray) -> "pyvista.PolyData":
+        import pyvista
+
+        return pyvista.PolyData.from_regular_faces(points, self.rest.cavity.faces)
+
+    def _repr_html_(self) -> str:
+        title = f"{self.oil}, {percent(self.fill, 1)} of the cavity, {self.posture.replace('_', ' ')}"
+        rows = [(name.replace("_", " "), percent(share)) for name, share in self.shares.items()]
+        return str(Markup("\n").join([Markup("<h3>{}</h3>").format(title), page.picture(self.map._repr_png_(), title),
+                                      page.table(("part", "under oil"), rows), page.paragraph(NO_ADVICE)]))
+
+    def __repr__(self) -> str:
+        touched = ", ".join(f"{name} {percent(share)}" for name, share in self.shares.items())
+        return f"<{self.oil}, {percent(self.fill, 1)}, {self.posture}: {touched}>"
+
+
+def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, posture: str = "upright", *,
+                eye: Mapping[str, Any] | None = None, tension: str | float | None = None,
+                contact_angle: str | float | None = None) -> OilAtRest:
+    """Return oil at rest in an eye: the shape of least energy at exact volume, within seconds.
+
+    Parameters
+    ----------
+    oil : liquid of ``config/materials.yaml``. fill : share of the cavity. posture : as in scenes.
+    eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm"}``; by default the model eye.
+    tension, contact_angle : instead of those in ``config/plan.yaml``; numbers are in SI units.
+
+    Raises
+    ------
+    UserError : with one sentence for every error; or the shape did not come to rest.
+    """
+    settings, materials = load_settings()
+    changed = {"tension": tension, "contact_angle": contact_angle}
+    given = read_record(Settings, {name: value for name, value in changed.items() if value is not None}, settings)
+    share = read_record(_Fill, {"fill": fill}).fill
+    for what, name, known in (("oil", oil, materials), ("posture", posture, postures())):
+        if name not in known:
+            raise UserError(f'{what} is "{name}", but must be one of {", ".join(known)}{nearest(name, known)}')
+    shape = read_eye(eye or {})
+    liquids = Liquids(materials[settings.other_liquid].density - materials[oil].density, given.tension,
+                      given.contact_angle)
+    rest = least_at_rest(cavity_of(shape), liquids, postures()[posture], share)
+    if not rest.settled:
+        raise UserError(f"{percent(share, 1)} of {oil}, {posture}: no shape at rest was found; try another fill")
+    return OilAtRest(oil, share, posture, shape, rest)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Fill:
+    """How much oil there is."""
+
+    fill: float = parameter(minimum=0.05, maximum=0.999, meaning="share of the cavity that is oil")

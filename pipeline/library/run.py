@@ -1,0 +1,245 @@
+"""A run from Python: the rules of the Snakefile make it, and an object gives its tables, frames, surfaces, pictures."""
+import functools
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from markupsafe import Markup
+from PIL import Image
+
+from pipeline.base import page
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import FrameData, frame_path, read_frame
+from pipeline.base.tables import read_table
+from pipeline.library.changes import changed_scene
+from pipeline.library.metrics_table import MetricsTable
+from pipeline.library.workflow_call import make
+from pipeline.measures.metric import read_meanings
+from pipeline.measures.shown import shown_metrics
+from pipeline.pages.headlines import headlines
+from pipeline.pages.run_page import ILLUSTRATION
+from pipeline.pages.scrubber import data_url, webp
+from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.scenes.model import Scene
+from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
+from pipeline.workflow.command import project_folder
+from sim.cores import available_cores
+
+if TYPE_CHECKING:
+    import pyvista
+
+SCENES, OUTPUTS = Path("config/scenes"), Path("outputs")
+PAGE = "index.html"                            # all else of a run is made on the way to it
+BY_SEGMENT = ("frames", "surfaces", "images")  # what has a folder per segment
+PICTURE_WIDTH = 640                            # pixels, of the last picture beside the numbers
+
+
+def relative(path: Path) -> Path:
+    """Return a path as people read it: from the folder of the process."""
+    return Path(os.path.relpath(path))
+
+
+def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None = None, name: str | None = None,
+        want: Sequence[str] = (PAGE,), cores: int = 2, device: str | None = None, progress: bool = True,
+        **changes: Any) -> "Run":
+    """Run a scene, as ``snakemake outputs/<scene>/<level>/index.html`` does; what is there is not made again.
+
+    Parameters
+    ----------
+    scene : name of a file in ``config/scenes``.
+    accuracy : level of ``config/accuracy.yaml``.
+    folder : with ``config`` and ``outputs``; by default that of the process, or one above it that has scenes. Where
+        there are none, ``config`` is copied there.
+    name : of the scene with the changes; by default its name and a digest of them.
+    want : files of the run to make, such as "metrics.csv", or "frames", "surfaces", "images"; by default all.
+    cores : that may be used, as after Snakemake's ``-j``. device : of the solver: cpu, cuda, vulkan.
+    progress : show a bar on standard error.
+    changes : keys of the scene with their values, ``output={"duration": "2 s"}``, or dotted,
+        ``**{"effects.injection.fill": "90 %"}``. Numbers are in SI units, a text carries its unit, None removes what is
+        inherited. The scene is kept as a file beside the one that it extends.
+
+    Raises
+    ------
+    UserError : with one sentence for every error of the scene, or of the stages.
+    """
+    if not 1 <= cores <= available_cores():
+        raise UserError(f"cores is {cores}, but must be at least 1 and at most {available_cores()}, the cores that "
+                        "can be used here")
+    project = project_folder(folder)
+    made = Run(project / OUTPUTS / changed_scene(relative(project / SCENES), scene, changes, accuracy, name) / accuracy)
+    made.make(*want, cores=cores, device=device, progress=progress)
+    return made
+
+
+def open_run(folder: str | os.PathLike) -> "Run":
+    """Return a run that has been made: the results in ``outputs/<scene>/<level>``.
+
+    Raises
+    ------
+    UserError : there is none in this folder.
+    """
+    opened = Run(Path(folder).resolve())
+    opened.scene  # noqa: B018 - whether it can be read
+    return opened
+
+
+class Run:
+    """The results of a run in ``outputs/<scene>/<level>``; in a notebook its numbers and its last picture.
+
+    Nothing is read before it is asked for. Lengths are in m, times in s.
+
+    Attributes
+    ----------
+    folder : of the results.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def make(self, *want: str, cores: int = 2, device: str | None = None, progress: bool = True) -> None:
+        """Make more files of this run, as :func:`run` does.
+
+        Raises
+        ------
+        UserError : something could not be made.
+        """
+        project = self.folder.parents[2]
+        scene = load_scene(relative(project / SCENES) / f"{self.folder.parent.name}.yaml", self.folder.name)
+        files = [file for one in want for file in (
+            [f"{one}/segment_{name}" for name in scene.segment_names] if one in BY_SEGMENT else [one])]
+        make(project, [str(self.folder.relative_to(project) / file) for file in files], cores=cores, device=device,
+             progress=progress)
+        for known in ("scene", "metrics", "frames"):
+            vars(self).pop(known, None)
+
+    @functools.cached_property
+    def scene(self) -> Scene:
+        """The scene in SI units, with every default."""
+        return load_resolved(relative(self.folder) / "scene.json")
+
+    @functools.cached_property
+    def metrics(self) -> MetricsTable:
+        """What was measured of every frame."""
+        return MetricsTable(read_table(self._made("metrics.csv")), read_meanings(self._made("metrics.json")))
+
+    @functools.cached_property
+    def frames(self) -> "Frames":
+        """The particles at all times."""
+        return Frames([frame_path(self.folder / "frames" / f"segment_{name}", frame)
+                       for segment, name in enumerate(self.scene.segment_names)
+                       for frame in self.scene.frames_of_segment(segment)])
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames, (frames,), s."""
+        return self.scene.output.frame_interval * np.arange(self.scene.frame_count)
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files for readers that have been made: name -> path."""
+        return {path.name: path for path in sorted(self.folder.iterdir()) if path.is_file()}
+
+    def frame_at(self, time: float) -> int:
+        """Return the frame nearest to a time, s.
+
+        Raises
+        ------
+        UserError : the run does not last so long.
+        """
+        times = self.times
+        if not times[0] <= time <= times[-1]:
+            raise UserError(f"time is {time:g} s, but must be at least 0 and at most {times[-1]:g} s, the end of "
+                            f"{self.scene.name}")
+        return int(np.abs(times - time).argmin())
+
+    def surfaces(self, frame: int = -1) -> dict[str, "pyvista.PolyData"]:
+        """Return the closed surface of every liquid in a frame, counted from 0, or from the end if negative."""
+        number = self._frame(frame)
+        folder = self._segment("surfaces", number)
+        return {liquid.name: read_surface(surface_path(folder, f"frame_{number:05d}", liquid.name))
+                for liquid in self.scene.liquids}
+
+    def wall(self, frame: int = -1) -> "pyvista.PolyData":
+        """Return the wall of the eye in a frame: per point what touches it, per triangle the part of the retina."""
+        number = self._frame(frame)
+        return read_wall(self._segment("surfaces", number) / f"frame_{number:05d}_wall.vtp")
+
+    def picture(self, time: float | None = None) -> Image.Image:
+        """Return the cross-section at the frame nearest to a time, s; the last one by default."""
+        number = self._frame(-1) if time is None else self.frame_at(time)
+        with Image.open(self._made(self._segment("images", number) / f"frame_{number:05d}.png")) as file:
+            return file.convert("RGB")
+
+    def plot(self, name: str = "overview") -> Image.Image:
+        """Return the plot of a metric over time; by default those that matter most, on one sheet."""
+        with Image.open(self._made(self.folder / "plots" / f"{name}.png")) as file:
+            return file.convert("RGB")
+
+    def _repr_html_(self) -> str:
+        scene, parts = self.scene, []
+        if (self.folder / "metrics.csv").is_file():
+            shown = shown_metrics(dict(self.metrics), self.metrics.metrics)
+            numbers = headlines(shown, of_eye=scene.container is None)
+            parts += [page.bullets([page.joined(page.bold(one.number), one.meaning) for one in numbers])]
+        if (self.folder / "images").is_dir():
+            image = self.picture()
+            image.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH))
+            parts += [Markup('<img alt="{}, at the end" src="{}">').format(
+                scene.title or scene.name, data_url(webp(image), "image/webp"))]
+        links = [page.link(name, str(relative(path))) for name, path in self.files.items()
+                 if path.suffix in (".html", ".mp4", ".csv")]
+        return str(Markup("\n").join([
+            Markup("<h3>{}: {}</h3>").format(scene.title or scene.name, scene.accuracy), *parts,
+            page.paragraph(*links), page.paragraph(ILLUSTRATION if scene.container is None else "")]))
+
+    def __repr__(self) -> str:
+        return f"<run of {self.folder.parent.name} at {self.folder.name}: {relative(self.folder)}>"
+
+    def _frame(self, frame: int) -> int:
+        count = self.scene.frame_count
+        if not -count <= frame < count:
+            raise UserError(f"frame is {frame}, but must be at least {-count} and at most {count - 1}: "
+                            f"{self.scene.name} has {count} frames")
+        return frame % count
+
+    def _segment(self, what: str, frame: int) -> Path:
+        """Folder of the segment that has a frame."""
+        segment = next(number for number in range(self.scene.segment_count)
+                       if frame in self.scene.frames_of_segment(number))
+        return self._made(self.folder / what / f"segment_{segment:03d}")
+
+    def _made(self, path: str | Path) -> Path:
+        """A path in the folder of the run, which must be there."""
+        found = self.folder / path
+        if not found.exists():
+            wanted = found.relative_to(self.folder).parts[0]
+            wanted = "metrics.csv" if wanted == "plots" else wanted
+            raise UserError(f"{relative(found)}: has not been made; make it with `.make(\"{wanted}\")`")
+        return found
+
+
+class Frames(Sequence[FrameData]):
+    """The particles of a run at all times; a frame is read when it is asked for."""
+
+    def __init__(self, paths: Sequence[Path]):
+        self.paths = list(paths)
+
+    @overload
+    def __getitem__(self, index: int) -> FrameData: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Frames": ...
+
+    def __getitem__(self, index: int | slice) -> "FrameData | Frames":
+        return Frames(self.paths[index]) if isinstance(index, slice) else read_frame(self.paths[index])
+
+    def __iter__(self) -> Iterator[FrameData]:
+        return map(read_frame, self.paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} frames>"

@@ -1,0 +1,149 @@
+"""A plan from words as users write them: the same for the command line and for Python."""
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from pipeline.base import page
+from pipeline.base.errors import UserError
+from pipeline.equilibrium.rest import least_at_rest
+from pipeline.equilibrium.star_cavity import cavity_of, levels_of
+from pipeline.planning.breaks import GLOBE, read_break
+from pipeline.planning.chart import Charts
+from pipeline.planning.confirm import confirming_scene
+from pipeline.planning.report import NO_ADVICE, heads, html_of, rows, text_of, verdict
+from pipeline.planning.search import CACHE, Answer, Question, Tables, answers
+from pipeline.planning.settings import Settings, load_settings, postures
+from pipeline.scenes.model import Eye
+from pipeline.scenes.reader import Errors, Reader, nearest
+from sim.parameters import parameter
+
+MAPS = 4    # answers that the page draws
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """The answers to a question, the smallest fill first; in a notebook the best one and a table.
+
+    Attributes
+    ----------
+    question : what was asked. eye : for which eye.
+    answers : one for every density of oil and every posture.
+    """
+
+    question: Question
+    eye: Eye
+    answers: tuple[Answer, ...]
+
+    @property
+    def best(self) -> Answer | None:
+        """The smallest fill that covers the break; None where none does."""
+        first = self.answers[0]
+        return first if first.covers(self.question.largest_fill) else None
+
+    def text(self) -> str:
+        """Return all as text: what the command prints."""
+        return text_of(self.question, self.answers, self.eye)
+
+    def page(self) -> str:
+        """Return all as a page, with maps of the fundus for the best answers."""
+        cavity, question = cavity_of(self.eye), self.question
+        charts = Charts(cavity.wall, {"": question.place}, self.eye.side == "right")
+        maps = [charts.png(least_at_rest(cavity, question.liquids(question.oils[answer.oils[0]]),
+                                         postures()[answer.posture], min(answer.fill, question.largest_fill)))
+                for answer in self.answers[:MAPS]]
+        return html_of(self.question, self.answers, self.eye, maps)
+
+    def scene(self) -> str:
+        """Return the scene file that confirms the best answer by one simulation."""
+        return confirming_scene(self.question, self.answers[0], self.eye, load_settings()[0].confirming_scene)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def _repr_html_(self) -> str:
+        first, *others = verdict(self.question, self.answers)
+        marked = [index for index, answer in enumerate(self.answers) if not answer.covers(self.question.largest_fill)]
+        return str(Markup("\n").join([
+            page.paragraph(f"Break: {self.question.place.words(self.eye.side)}."),
+            page.paragraph(page.bold(first), *others),
+            page.table(heads(), rows(self.answers), words=(1, 3), marked=marked), page.paragraph(NO_ADVICE)]))
+
+
+def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", oils: Sequence[str] | None = None,
+              postures: Sequence[str] | None = None, eye: Mapping[str, Any] | None = None,
+              tension: str | float | None = None, contact_angle: str | float | None = None,
+              largest_fill: str | float | None = None, cache: Path = CACHE) -> Plan:
+    """Return the smallest fills, the oils and the postures that cover a break of the retina, as ``pipeline.plan`` does.
+
+    Parameters
+    ----------
+    place : clock hour and angle from the posterior pole, such as "6h,60deg".
+    size : width in clock hours, height in degrees or mm, or both, such as "2h,15deg".
+    margin : reach of the oil beyond the break; numbers are in SI units here and below.
+    oils, postures : to choose from; by default all of ``config/plan.yaml``.
+    eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm", "lens": "aphakic"}``; else the model eye.
+    tension, contact_angle, largest_fill : instead of those in ``config/plan.yaml``.
+    cache : folder of tables of other eyes, which are kept.
+
+    Raises
+    ------
+    UserError : with one sentence for every error.
+    """
+    shape = read_eye(eye or {})
+    globe = float(-levels_of(shape)[1][0, 2])
+    question = question_of(place, size, globe, margin=margin, oils=oils, chosen=postures, tension=tension,
+                           contact_angle=contact_angle, largest_fill=largest_fill)
+    return Plan(question, shape, tuple(answers(question, Tables(shape, cache), globe)))
+
+
+def question_of(place: str, size: str, globe: float = GLOBE, *, margin: str | float = "0.5 mm",
+                oils: Sequence[str] | None = None, chosen: Sequence[str] | None = None,
+                **changed: str | float | None) -> Question:
+    """Return what is asked, from words.
+
+    Parameters
+    ----------
+    globe : radius of the globe behind, m, for sizes in mm.
+    chosen : postures.
+    changed : values of ``Settings`` that take the place of those in ``config/plan.yaml``, unless they are None.
+    """
+    settings, materials = load_settings()
+    given = read_record(Settings, {name: value for name, value in changed.items() if value is not None}, settings)
+    reach = read_record(_Margin, {"margin": margin}).margin
+    known = _chosen("--oil", oils, settings.oils)
+    return Question(read_break(place, size, globe), reach, {name: materials[name] for name in known},
+                    materials[settings.other_liquid], _chosen("--postures", chosen, tuple(postures())),
+                    given.tension, given.contact_angle, given.other_angles, given.largest_fill)
+
+
+def read_eye(values: Mapping[str, Any]) -> Eye:
+    """Return an eye from its keys in a scene."""
+    return read_record(Eye, dict(values))
+
+
+def read_record(kind: type, values: Mapping[str, Any], base: object = None):
+    """Read values as those of a scene are read."""
+    errors = Errors("options")
+    record = Reader(errors).record(kind, dict(values), (), base)
+    errors.raise_any()
+    return record
+
+
+def _chosen(option: str, names: Sequence[str] | None, allowed: Sequence[str]) -> tuple[str, ...]:
+    """Names, each once; all that are allowed where none is given."""
+    if names is None:
+        return tuple(allowed)
+    for name in names:
+        if name not in allowed:
+            raise UserError(f'{option}: "{name}" is not known{nearest(name, allowed)}; known are {", ".join(allowed)}')
+    return tuple(dict.fromkeys(names))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Margin:
+    """How far the oil must reach beyond a break."""
+
+    margin: float = parameter(unit="m", minimum=0.0, maximum=0.01, meaning="reach of the oil beyond the break")

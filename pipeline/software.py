@@ -1,0 +1,56 @@
+"""Stage: name, version and license of every package that is installed, as a page or a table.
+
+    python -m pipeline.software --output outputs/software.html --output outputs/software.csv
+"""
+import argparse
+import csv
+import io
+import platform
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.base import page
+from pipeline.base.cli import run
+from pipeline.base.files import write_text
+from pipeline.base.packages import Package, packages
+
+HEADS = ("name", "version", "license")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.software", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, action="append", default=[],
+                        help="file to write: a page if it ends in .html, else a table; several are allowed (default: a "
+                             "table on standard output)")
+    options = parser.parse_args(arguments)
+    found = packages()
+    if not options.output:
+        sys.stdout.write(table_of(found))
+    for path in options.output:
+        write_text(path, page_of(found) if path.suffix == ".html" else table_of(found))
+
+
+def table_of(found: Sequence[Package]) -> str:
+    """Return the packages as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([HEADS, *((one.name, one.version, one.license) for one in found)])
+    return text.getvalue()
+
+
+def page_of(found: Sequence[Package]) -> str:
+    """Return the packages as a page."""
+    counts = Counter(one.license for one in found).most_common()
+    return page.page("Software", [
+        page.paragraph(f"Python {platform.python_version()} on {platform.platform()}, {len(found)} packages, with the "
+                       "license that each states itself."),
+        page.table(HEADS, [(one.name, one.version, one.license) for one in found], words=(1, 2)),
+        page.section("Licenses"), page.table(("license", "packages"), counts),
+    ])
+
+
+if __name__ == "__main__":
+    run(main)

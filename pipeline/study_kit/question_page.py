@@ -1,0 +1,122 @@
+"""A page that answers one question of a surgeon, to be read in two minutes.
+
+Every page says the same things in the same order: that it is no advice, the answer in one sentence, one picture, one
+table, and then what the answer rests on. A module `pipeline.study_kit.<report>_page` writes the page of the studies
+with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a folder and
+returns the parts of the page.
+"""
+import csv
+import dataclasses
+import io
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+from pipeline.base import page
+from pipeline.base.files import replacing
+from pipeline.study_kit.model import Outcome
+
+NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
+DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
+
+
+@dataclasses.dataclass(frozen=True)
+class QuestionPage:
+    """What a page says.
+
+    Attributes
+    ----------
+    headline : the answer, one sentence.
+    description : what was asked.
+    picture, picture_words, caption : PNG, what it shows in words, and sentences below it.
+    title, heads, rows, marked, note : the table, and sentences below it.
+    more : parts between the table and what the answer rests on.
+    assumed, validated, not_validated : sentences; those of ``validated`` carry numbers and links.
+    """
+
+    headline: str
+    description: str
+    picture: bytes
+    picture_words: str
+    caption: Sequence[str]
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: Sequence[str]
+    assumed: Sequence[str]
+    validated: Sequence[str]
+    not_validated: str
+    more: Sequence[str] = ()
+    marked: Sequence[int] = ()
+
+    def parts(self) -> list[str]:
+        """Return the parts of the page."""
+        return [
+            page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
+            page.paragraph(page.bold(self.headline)),
+            page.paragraph(self.description),
+            page.picture(self.picture, self.picture_words),
+            page.paragraph(*self.caption),
+            page.section(self.title),
+            page.table(self.heads, self.rows, marked=self.marked),
+            page.paragraph(*self.note),
+            *self.more,
+            page.section("What was assumed"),
+            page.bullets(self.assumed),
+            page.section("What was validated, and what was not"),
+            page.bullets([*self.validated, page.joined(page.bold("Not validated:"), self.not_validated)]),
+        ]
+
+
+def link_to(document: str) -> str:
+    """Return a link from the page of a study to a page of the documents, such as "results/eye.md"."""
+    return page.link(f"docs/{document}", f"{DOCS}/{document}")
+
+
+def joined_tables(outcomes: Sequence[Outcome], name: str) -> tuple[list[str], list[list[str]]]:
+    """Return heads and lines of a table that several cases have lines of."""
+    tables = [outcome.tables[name] for outcome in outcomes if name in outcome.tables]
+    return tables[0][0], [line for table in tables for line in table[1:]]
+
+
+def table_rows(outcomes: Sequence[Outcome], name: str) -> list[dict[str, str]]:
+    """Return the lines of a table that several cases have lines of, as mappings from heads to cells."""
+    heads, lines = joined_tables(outcomes, name)
+    return [dict(zip(heads, line, strict=True)) for line in lines]
+
+
+def write_csv(path: Path, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
+    """Write a table."""
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([heads, *lines])
+
+
+def write_picture(path: Path, content: bytes) -> None:
+    """Write a picture."""
+    with replacing(path) as partial:
+        partial.write_bytes(content)
+
+
+def drawn(size: tuple[float, float], draw: Callable, *grid: int, **options) -> bytes:
+    """Return a picture as PNG.
+
+    Parameters
+    ----------
+    size : width and height in inches.
+    draw : gets the axes, one or an array of them as ``grid`` (rows, columns) and ``options`` ask for.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=size, layout="constrained")
+    draw(FigureCanvasAgg(canvas).figure.subplots(*grid, **options))
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=120, format="png")
+    return buffer.getvalue()
+
+
+def page_module(report: str) -> ModuleType:
+    """Return the module that writes the page of a report."""
+    import importlib
+
+    return importlib.import_module(f"pipeline.study_kit.{report}_page")

@@ -1,0 +1,30 @@
+"""Names in the tables of studies for surgeons: families of cases write them, pages read them.
+
+They are apart from both, so that a better page runs no case again.
+"""
+SACCADES, JOLT, STANDING_UP = "saccades", "jolt", "standing_up"
+STRESS, HIGH_STRESS = "stress, mean of the retina", "stress that 1 % of the retina exceeds"
+SHIFT = "shift of the interface"
+EXACT_STRESS = "mean stress in a sphere full of oil, exact"
+WAY_LEFT = "way made at the end"
+MOVEMENTS = ("oil", "viscosity [mPa s]", "density [kg/m3]", "spacing [mm]", "movement", "quantity", "value", "spread",
+             "at rest", "unit")
+COURSES = ("oil", "viscosity [mPa s]", "density [kg/m3]", "spacing [mm]", "movement", "time [s]", "value", "exact")
+
+
+def time_to_make(way: float) -> str:
+    """Return the name of the time to make a share of a way."""
+    return f"time to make {100.0 * way:g} % of the way"
+
+
+CANNULAS = ("way", "direction", "inner diameter [mm]", "length [mm]", "pressure [mmHg]", "oil", "viscosity [mPa s]",
+            "time [min]", "shortest [min]", "longest [min]", "published [min]", "spread [min]", "source")
+EXCHANGES = ("exchange", "tip", "flow [mL/s]", "capillary number", "spacing [mm]", "quantity", "value", "unit")
+LEFT, PIECES, LARGEST, LOST_AT = ("left where the tip loses it", "pieces of what is left", "largest piece",
+                                  "time at which the tip loses it")
+EXCHANGE_COURSES = ("exchange", "tip", "flow [mL/s]", "moved [mL]", "left [% of the cavity]", "distance [mm]")
+BASE, OIL, TENSION, MOVEMENT, FILL, POSTURE = "base", "oil", "tension", "saccade", "fill", "posture"
+SHED = ("factor", "setting", "contact line [mm]", "shed [ppm of the cavity per week]", "low", "high")
+GATHERED = ("median x [mm]", "median y [mm]", "median z [mm]")
+TRACERS = ("posture", "x [mm]", "y [mm]", "z [mm]")
+LINE_BY_PARTICLES = "length of the contact line by particles"

@@ -1,0 +1,20 @@
+"""What is installed: name, version and license of every package."""
+
+from pipeline.base.packages import packages_digest
+
+
+rule software:
+    output:
+        page=report(
+            "outputs/software.html",
+            category="software",
+            caption="../docs/report/software.rst",
+            labels={"what": "packages, versions, licenses"},
+        ),
+        table="outputs/software.csv",
+    params:
+        depends=packages_digest(),
+    message:
+        "list the packages that are installed"
+    shell:
+        "python -m pipeline.software --output {output.page} --output {output.table}"

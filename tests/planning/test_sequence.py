@@ -1,0 +1,152 @@
+"""Oil at rest in the postures of a scene, and whether the simulation of a plan agrees with it."""
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from pipeline import plan
+from pipeline.base.errors import UserError
+from pipeline.equilibrium.rest import Liquids
+from pipeline.equilibrium.star_cavity import COARSE, cavity_of
+from pipeline.planning import confirm, sequence
+from pipeline.planning.breaks import read_break
+from pipeline.planning.search import Answer, Question
+from pipeline.planning.settings import load_settings
+from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Eye
+
+
+@pytest.fixture
+def folder(tmp_path):
+    scenes = tmp_path / "scenes"
+    scenes.mkdir()
+    for name in ("resting_eye", "still_eye", "tamponade", "day_of_postures"):
+        (scenes / f"{name}.yaml").write_text((ROOT / "config" / "scenes" / f"{name}.yaml").read_text())
+    return scenes
+
+
+def scene_file(folder, text, base="resting_eye"):
+    path = folder / "scene.yaml"
+    path.write_text(f"extends: {base}\n{text}")
+    return path
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Shapes with few directions."""
+    monkeypatch.setattr(sequence, "cavity_of", lambda eye: cavity_of(eye, COARSE))
+
+
+DAY = """
+breaks:
+  - {name: above, hour: 12, latitude: 80 deg, width: 1}
+  - {name: below, hour: 6, latitude: 80 deg, width: 1}
+effects:
+  gravity:
+    second_means: 1 h
+    turns:
+      - {start: 1 h, to: prone, head_up: -45 deg, duration: 6 min}
+      - {start: 2 h, to: upright, duration: 6 min}
+output: {duration: 4 s, second_means: 1 h}
+"""
+
+
+def test_every_posture_that_is_held_has_a_shape(folder, coarse):
+    found = sequence.sequence_of(scene_file(folder, DAY))
+    assert [hold.words for hold in found.holds] == ["upright", "prone, head down 45 deg", "upright"]
+    np.testing.assert_allclose([(hold.begin, hold.end) for hold in found.holds],
+                               [(0.0, 3600.0), (3960.0, 7200.0), (7560.0, 14400.0)])
+    upright, down, again = found.holds
+    assert upright.rest is again.rest and found.liquids == Liquids(35.0, 0.04, pytest.approx(np.radians(18.2)))
+    assert upright.margins["above"][0] > 0.0 > upright.margins["below"][0]
+    assert down.margins["below"][0] > 0.0 > down.margins["above"][0]
+    for hold in found.holds:
+        for name, (margin, low, high) in hold.margins.items():
+            assert low <= margin <= high and np.isnan(hold.pressures[name]) == (margin <= 0.0)
+    assert found.covered("below") == (pytest.approx(3240.0 / 13680.0), pytest.approx(6840.0))
+    assert found.covered("above")[1] == pytest.approx(3240.0)
+    text = sequence.text_of(found, "No advice.")
+    assert "Break above: covered 76 % of that time" in text and text.endswith("No advice.\n")
+
+
+def test_times_bare_go_on_through_a_turn(folder, coarse):
+    found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 60 deg")))
+    assert found.covered("below") == (0.0, pytest.approx(14400.0))
+
+
+@pytest.mark.parametrize(("text", "base", "sentence"), [
+    ("title: none", "still_eye", "needs two liquids in the cavity, a tension and a contact angle"),
+    ("initial: {fill: {silicone_oil_1000: 40 %, aqueous: 60 %}}", "resting_eye", "are known from 50 to 99.5 %"),
+    ("effects: {interface_tension: {contact_angle: 60 deg}}", "resting_eye", "at rest are known from 5 to 45 deg"),
+    ("eye: null\ncontainer: {size: [20 mm, 20 mm, 20 mm]}\ninitial: null\nblocks:\n"
+     "  - {liquid: aqueous, lower: [0 mm, 0 mm, 0 mm], upper: [20 mm, 20 mm, 20 mm]}", "resting_eye",
+     "is no scene of an eye in three dimensions"),
+])
+def test_a_scene_without_a_shape_at_rest_is_refused(folder, text, base, sentence):
+    with pytest.raises(UserError, match=sentence):
+        sequence.sequence_of(scene_file(folder, text, base))
+
+
+def test_the_stage_writes_a_page_with_a_map_of_every_posture(folder, coarse, tmp_path):
+    plan.main(["--sequence", str(scene_file(folder, DAY)), "--output", str(tmp_path / "day.html")])
+    text = (tmp_path / "day.html").read_text()
+    assert text.count("data:image/png") == 2 and "not for decisions on a patient" in text and "head down 45 deg" in text
+    with pytest.raises(UserError, match="no such file"):
+        plan.main(["--sequence", str(folder / "nowhere.yaml")])
+
+
+# Confirmation
+
+@pytest.fixture
+def asked(folder):
+    """A question, its answer, the file of the confirming scene, and the folder of its run."""
+    settings, materials = load_settings()
+    question = Question(read_break("6h,60deg", "2h"), 0.5e-3, {"silicone_oil_1000": materials["silicone_oil_1000"]},
+                        materials["aqueous"], ("upright",), settings.tension, settings.contact_angle, (), 0.95)
+    answer = Answer(("silicone_oil_1000",), "upright", 0.93, None, None, {})
+    path = folder / "my_plan.yaml"
+    path.write_text(confirm.confirming_scene(question, answer, Eye(), "resting_eye"))
+    run = folder.parent / "outputs" / "my_plan" / "draft"
+    run.mkdir(parents=True)
+    return question, answer, path, run
+
+
+def simulated(path, run, margin):
+    scene = load_scene(path, "draft")
+    (run / "scene.json").write_text(scene.to_json())
+    (run / "metrics.json").write_text(json.dumps({"metrics": [], "breaks": [
+        {"name": scene.breaks[0].name, "margin_at_end [mm]": margin, "uncertainty [mm]": 0.5}]}))
+
+
+def test_before_the_simulation_its_command_is_told(asked):
+    question, answer, path, run = asked
+    first, second = confirm.confirmation(path, question, answer, run.parents[1])
+    assert f"snakemake -j2 {run / 'metrics.html'}" in first and "the same command" in second
+    patch = load_scene(path, "draft").patches(0.0113)["breaks"]["planned"]
+    assert (patch.meridian, patch.latitude, patch.width, patch.height) == pytest.approx((180.0, 60.0, 60.0, 10.0))
+
+
+@pytest.mark.parametrize(("margin", "covers", "words"), [
+    (1.2, True, "(draft) agrees: at its end the oil reaches 1.2 ± 0.5 mm beyond the break; planned was that it reaches "
+                "0.5 mm beyond"),
+    (0.3, True, "cannot tell"), (-2.0, True, "does not agree: at its end the break is bare by 2.0 ± 0.5 mm"),
+    (-2.0, False, "agrees"), (2.0, False, "does not agree")])
+def test_after_the_simulation_it_is_told_whether_it_agrees(asked, margin, covers, words):
+    question, answer, path, run = asked
+    simulated(path, run, margin)
+    answer = answer if covers else dataclasses.replace(answer, fill=0.99)
+    (sentence,) = confirm.confirmation(path, question, answer, run.parents[1])
+    assert words in sentence
+
+
+def test_the_simulation_of_another_plan_confirms_nothing(asked):
+    question, answer, path, run = asked
+    simulated(path, run, 1.0)
+    path.write_text(confirm.confirming_scene(question, dataclasses.replace(answer, fill=0.9), Eye(), "resting_eye"))
+    (sentence,) = confirm.confirmation(path, question, answer, run.parents[1])
+    assert "is that of another plan; run it again" in sentence
+    (run / "metrics.json").write_text("{}")
+    with pytest.raises(UserError, match="results are damaged"):
+        confirm.confirmation(path, question, answer, run.parents[1])
