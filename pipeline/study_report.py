@@ -37,7 +37,7 @@ def outcomes_so_far(study: Study, folder: Path) -> list[Outcome]:
 def _why_missing(case: Case, log: Path) -> str:
     """What the log of a case, or those of the scenes that it reads, end with."""
     if log.is_file():
-        return _last_error(log) or "it has not ended"
+        return _last_error(log) or f"it has not come to its end, see {log}"
     errors = (_last_error(path) for scene in case.folders().values() for path in sorted(scene.glob("logs/*.log")))
     return next(filter(None, errors), "it has not been run")
 
