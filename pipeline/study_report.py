@@ -51,12 +51,13 @@ def _last_error(log: Path) -> str:
     return errors[-1] if errors else ""
 
 
-def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None:
+def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complete: bool = True) -> None:
     """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary.
 
     Parameters
     ----------
     outcomes : one of every case, in the order of the study.
+    complete : a page that answers a question in its own words has them; they are about all cases.
     """
     failed = [outcome for outcome in outcomes if outcome.failure]
     found = [outcome for outcome in outcomes if not outcome.failure]
@@ -74,11 +75,11 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
     made = [outcome.pictures for outcome in outcomes]
     made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
     for pictures in made:
-        for name, content in pictures.items():
+        for name in sorted(pictures.keys() & set(study.pictures())):
+            content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    # The words of a page that answers a question are about all cases.
-    parts = study.page.write_page(study.description, found, target) if study.page and not failed else []
+    parts = study.page.write_page(study.description, found, target) if study.page and complete else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
@@ -170,7 +171,7 @@ def main() -> None:
     study = load_study(arguments.study, arguments.accuracy)
     folder = arguments.folder or OUTPUTS / study.name / study.accuracy
     if arguments.so_far:
-        write_study(study, outcomes_so_far(study, folder), folder / SO_FAR)
+        write_study(study, outcomes_so_far(study, folder), folder / SO_FAR, complete=False)
     else:
         write_study(study, [Outcome.read(folder / "cases" / name) for name in study.cases], folder)
 

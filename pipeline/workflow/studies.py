@@ -53,7 +53,8 @@ class Studies:
 
         They are those of the study's own accuracy level.
         """
-        files, asked = [], self._case(name, level, case)
+        asked = self._case(name, level, case)
+        files = asked.files()
         for scene, folder in asked.folders().items():
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
             files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
@@ -98,7 +99,7 @@ class Studies:
             study = self.study(name, level)
             outcomes = outcomes_so_far(study, folder)
             if any(outcome.failure for outcome in outcomes):
-                write_study(study, outcomes, folder / SO_FAR)
+                write_study(study, outcomes, folder / SO_FAR, complete=False)
                 print(f"{name} at {level}, as far as there are results: {folder / SO_FAR / 'table.html'}", flush=True)
 
     def _case(self, name: str, level: str, case: str):

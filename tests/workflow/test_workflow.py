@@ -204,22 +204,6 @@ def test_finished_run_has_nothing_to_do(finished, can_draw):
     assert code == 0 and "Nothing to be done" in output, output
 
 
-def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
-    copy = Project(tmp_path)
-    made = [path for name in ("outputs", ".snakemake") for path in (finished.folder / name).rglob("*")]
-    for path in sorted(made, reverse=True):  # in another order than they were made in
-        other = tmp_path / path.relative_to(finished.folder)
-        (other if path.is_dir() else other.parent).mkdir(parents=True, exist_ok=True)
-        if path.is_file():
-            shutil.copyfile(path, other)
-    code, output = copy.snakemake("-n", *targets(can_draw))
-    assert code == 0 and "Nothing to be done" in output, output
-    # Where the folder is known, what somebody writes by hand counts.
-    (copy.outputs("tiny") / "initial.npz").touch()
-    code, output = copy.snakemake("-n", *targets(can_draw))
-    assert planned(output)["simulate"] == 2, output
-
-
 def test_library_takes_what_has_been_made(finished, can_draw):
     dates = {path: path.stat().st_mtime_ns for path in finished.outputs("tiny").rglob("*.*")}
     run = pipeline.run("tiny", folder=finished.folder, want=["metrics.csv", "frames"], progress=False)
@@ -241,6 +225,22 @@ def test_notebook_runs_as_it_is_shown(finished, opengl):
     executed = runpy.run_path(str(ROOT / "docs" / "make_notebook.py"))["executed"]
     shown = executed(finished.folder, scene="tiny")
     assert all(cell.outputs for cell in shown.cells[2:] if cell.cell_type == "code")
+
+
+def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
+    copy = Project(tmp_path)
+    made = [path for name in ("outputs", ".snakemake") for path in (finished.folder / name).rglob("*")]
+    for path in sorted(made, reverse=True):  # in another order than they were made in
+        other = tmp_path / path.relative_to(finished.folder)
+        (other if path.is_dir() else other.parent).mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            shutil.copyfile(path, other)
+    code, output = copy.snakemake("-n", *targets(can_draw))
+    assert code == 0 and "Nothing to be done" in output, output
+    # Where the folder is known, what somebody writes by hand counts.
+    (copy.outputs("tiny") / "initial.npz").touch()
+    code, output = copy.snakemake("-n", *targets(can_draw))
+    assert planned(output)["simulate"] == 2, output
 
 
 def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
