@@ -58,7 +58,6 @@ def test_the_page_tells_what_sheds_droplets_and_that_time_is_assumed(parts, tmp_
     outcome = shed_droplets.run(shed_droplets.Parameters(
         oils=("silicone_oil_1000", "silicone_oil_5000"), tensions=(0.04,), fills=(0.85,), postures=("upright",),
         contact_angles=(18.2, 25.0)), scene)
-    outcome.case = "shed_droplets"
     study = load_study("emulsion_study")
     write_study(study, [outcome], tmp_path)
     text = (tmp_path / "table.html").read_text(encoding="utf-8")
