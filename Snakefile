@@ -77,6 +77,14 @@ onerror:
         studies.tell_so_far()
 
 
+# On a cluster these are not worth a job.
+localrules:
+    scene,
+    index_frames,
+    effect_costs,
+    cost,
+
+
 rule all:
     input:
         flow.wanted(flow.names),

@@ -7,7 +7,7 @@ from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.mesh_import import MeshRefused
-from pipeline.cavity.surface import cavity_mesh, report_of, write_container, write_mesh
+from pipeline.cavity.surface import cavity_mesh, report_of, volume_in_words, write_container, write_mesh
 from pipeline.pictures.defect_picture import picture_of_defect
 from pipeline.scenes.load import load_resolved
 
@@ -40,7 +40,9 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"repair: {sentence}")
     for sentence in report.get("warnings", ()):
         print(f"warning: {sentence}")
-    print(f"cavity {1e6 * report['volume']:.2f} mL, {report['triangles']} triangles")
+    for sentence in report.get("orientation", ()):
+        print(f"orientation: {sentence}")
+    print(f"{volume_in_words(report)}; {report['triangles']} triangles")
 
 
 if __name__ == "__main__":

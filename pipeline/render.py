@@ -32,7 +32,7 @@ from pipeline.pictures.marks import (
     write,
 )
 from pipeline.pictures.paint import COLORS
-from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, Eye, SectionPanel
+from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, SectionPanel, scheme_of
 from pipeline.scenes.effects import droplets_of, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surface, read_wall, surface_path
@@ -118,9 +118,8 @@ class Renderer:
             return np.asarray(section.point_data[name]).reshape(count_z, count_y, -1).transpose(1, 0, 2)
 
         if self.panel is None:
-            model = self.scene.eye
-            eye = Eye(model.axial_length if model.model == "parametric" else None, model.lens)
-            self.panel = SectionPanel(plane("signed_distance")[..., 0], section.origin[1:], section.spacing[1], eye,
+            self.panel = SectionPanel(plane("signed_distance")[..., 0], section.origin[1:], section.spacing[1],
+                                      scheme_of(self.scene.eye),
                                       self._panel_size(0))
         fraction, dominance = plane("fraction"), plane("dominance")
         lines = [dominance[..., k] for k in range(1, dominance.shape[-1])]

@@ -74,7 +74,8 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
     made = [outcome.pictures for outcome in outcomes]
     made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
     for pictures in made:
-        for name, content in pictures.items():
+        for name in sorted(pictures.keys() & set(study.pictures())):
+            content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
     # The words of a page that answers a question are about all cases.
@@ -162,11 +163,13 @@ def main() -> None:
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("study", help="name of the study")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
+    p.add_argument("--folder", type=Path, metavar="DIR",
+                   help="of the study, in which its cases are (default outputs/studies/<study>/<level>)")
     p.add_argument("--so-far", action="store_true",
                    help=f"take the cases that have a result, and write into the folder {SO_FAR} beside them")
     arguments = p.parse_args()
     study = load_study(arguments.study, arguments.accuracy)
-    folder = OUTPUTS / study.name / study.accuracy
+    folder = arguments.folder or OUTPUTS / study.name / study.accuracy
     if arguments.so_far:
         write_study(study, outcomes_so_far(study, folder), folder / SO_FAR)
     else:

@@ -75,4 +75,4 @@ rule cost:
         "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
     shell:
         "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
-        " --logs outputs/{wildcards.scene}/{wildcards.level}/logs --output {output} 2>&1 | tee {log}"
+        " --logs $(dirname {log}) --output {output} 2>&1 | tee {log}"

@@ -4,7 +4,7 @@
 rule page:
     input:
         scene=SCENE,
-        source=ancient("config/scenes/{scene}.yaml"),
+        source=ancient(local("config/scenes/{scene}.yaml")),
         initial="outputs/{scene}/{level}/initial.npz",
         eye="outputs/{scene}/{level}/eye.vtp",
         surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
@@ -33,5 +33,4 @@ rule page:
     message:
         "{wildcards.scene} at {wildcards.level}: make the page"
     shell:
-        "python -m pipeline.page outputs/{wildcards.scene}/{wildcards.level} --source {input.source}"
-        " --output {output} 2>&1 | tee {log}"
+        "python -m pipeline.page $(dirname {output}) --source {input.source}" " --output {output} 2>&1 | tee {log}"

@@ -76,7 +76,8 @@ for name in studies.names:
         message:
             "{params.study} at {wildcards.level}: gather the cases"
         shell:
-            "python -m pipeline.study_report {params.study} --accuracy {wildcards.level} 2>&1 | tee {log}"
+            "python -m pipeline.study_report {params.study} --accuracy {wildcards.level}"
+            " --folder $(dirname {output.table}) 2>&1 | tee {log}"
 
     rule:
         name:

@@ -110,16 +110,13 @@ class ParticleStore:
         return sum(width[f.kind] for f in self.declared.values()) * self.capacity
 
     @ti.kernel
-    def _reorder(self, array: ti.template(), buffer: ti.template()):
-        for i in range(self.count[None]):
-            buffer[i] = array[self.order[i]]
-        for i in range(self.count[None]):
-            array[i] = buffer[i]
-
-    def reorder(self) -> None:
+    def reorder(self):
         """Apply the permutation `order` to every carried field."""
-        for array, buffer in zip(self.carried, self.buffers, strict=True):
-            self._reorder(array, buffer)
+        for f in ti.static(range(len(self.carried))):
+            for i in range(self.count[None]):
+                self.buffers[f][i] = self.carried[f][self.order[i]]
+            for i in range(self.count[None]):
+                self.carried[f][i] = self.buffers[f][i]
 
     @ti.kernel
     def _copy_rows(self, array: ti.template(), number: int):

@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from taichi.lang.impl import current_cfg
 
+from sim import host_memory
 from sim.cores import available_cores, useful_threads
 from sim.devices import AUTO, best_device
 
@@ -51,6 +52,7 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") ->
         ti.reset()
         raise NoDevice(f"Taichi finds no device {wanted['device']}")
     ti.field = _packed_field if wanted["device"] in ("cpu", "cuda") else _field_apart
+    host_memory.use(wanted["device"] == "cpu")
     _started.update(wanted)
     if wanted["device"] == "cpu":
         _bind(sorted(_own_threads() - before)[-wanted["threads"]:])

@@ -109,7 +109,11 @@ def unlike_an_eye(mesh: trimesh.Trimesh, name: str) -> list[str]:
 
 def globe_center(mesh: trimesh.Trimesh) -> np.ndarray:
     """Center (3,) in m of the sphere that fits the vertices best (least squares)."""
-    points = mesh.vertices
+    return center_of_sphere(mesh.vertices)
+
+
+def center_of_sphere(points: np.ndarray) -> np.ndarray:
+    """Center (3,) of the sphere that fits points (n, 3) best (least squares)."""
     solution, *_ = np.linalg.lstsq(np.column_stack([2.0 * points, np.ones(len(points))]), (points**2).sum(axis=1))
     return solution[:3]
 

@@ -4,14 +4,15 @@ Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.cavity.surface import cavity_mesh
-from pipeline.scenes.eye_shape import eye_shape
+from pipeline.scenes.eye_shape import shape_of
 from pipeline.scenes.model import Eye
 
 COARSE, DRAFT, FINE = 3, 4, 5   # cuts of an icosahedron: 642, 2,562 and 10,242 directions; edges of 1.7, 0.8, 0.4 mm
@@ -57,8 +58,8 @@ class StarCavity:
         reach = np.linspace(0.0, FARTHEST, SIGHTINGS)[1:]
         outside = np.stack([level(viewpoint + one * direction) > 0.0 for one in reach], axis=1)
         if (np.diff(outside.astype(int), axis=1) < 0).any() or not outside[:, -1].all() or outside[:, 0].any():
-            raise UserError("eye: oil at rest can only be found in a cavity whose whole wall is seen from one point on "
-                            f"its axis, but {np.round(1e3 * viewpoint, 1).tolist()} mm does not see all of it")
+            raise UserError("eye: oil at rest can only be found in a cavity whose whole wall is seen from one point, "
+                            f"but {np.round(1e3 * viewpoint, 1).tolist()} mm does not see all of it")
         far = reach[outside.argmax(axis=1)]
         near = far - reach[0]
         for _ in range(HALVINGS):
@@ -107,8 +108,7 @@ def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:
     UserError : the user's mesh cannot be used.
     """
     if eye.model == "parametric":
-        shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
-                          vertical_diameter=eye.vertical_diameter)
+        shape = shape_of(eye)
         front = shape.front if shape.lens_pole is None else shape.lens_pole
         return shape.level, np.array([-shape.half_axes, [*shape.half_axes[:2], front]])
     mesh = cavity_mesh(eye)[0]
@@ -119,20 +119,21 @@ def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:
 def cavity_of(eye: Eye, cuts: int = DRAFT, *, from_front: bool = False) -> StarCavity:
     """Return the cavity of an eye, seen from the point of its axis that meets the wall least aslant.
 
+    An anterior chamber is seen through the pupil only, and a user's mesh from deepest behind all of its triangles.
+
     Parameters
     ----------
     from_front : seen from the foremost point that does not meet it too aslant: what lies in the front has it within.
 
     Raises
     ------
-    UserError : the user's mesh cannot be used, or no point of its axis sees its whole wall.
+    UserError : the user's mesh cannot be used, or no point sees its whole wall.
     """
     level, (low, high) = levels_of(eye)
-    half = 0.5 * (high[2] - low[2])
     best, refusal = None, None
-    for share in VIEWPOINTS:
+    for viewpoint in _viewpoints(eye, 0.5 * (high[2] - low[2])):
         try:
-            found = StarCavity.of_level(level, [0.0, 0.0, share * half], COARSE)
+            found = StarCavity.of_level(level, viewpoint, COARSE)
         except UserError as error:
             refusal = error
             continue
@@ -141,6 +142,25 @@ def cavity_of(eye: Eye, cuts: int = DRAFT, *, from_front: bool = False) -> StarC
     if best is None:
         raise refusal
     return best if cuts == COARSE else StarCavity.of_level(level, best.viewpoint, cuts)
+
+
+def _viewpoints(eye: Eye, half: float) -> Sequence:
+    """Points to look from, m."""
+    if eye.model == "parametric" and eye.anterior_chamber:
+        return [[0.0, 0.0, shape_of(eye).front]]
+    if eye.model == "mesh" and (seeing := seeing_all(cavity_mesh(eye)[0])) is not None:
+        return [seeing]
+    return [[0.0, 0.0, share * half] for share in VIEWPOINTS]
+
+
+def seeing_all(mesh: trimesh.Trimesh) -> np.ndarray | None:
+    """Return the point (3,), m, deepest behind the planes of all triangles; None where no point is behind all."""
+    from scipy.optimize import linprog
+
+    normal, center = mesh.face_normals, mesh.triangles_center
+    behind = np.column_stack([normal, np.ones(len(normal))])
+    found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=behind, b_ub=(normal * center).sum(axis=1), bounds=(None, None))
+    return found.x[:3] if found.x[3] > 0.0 else None
 
 
 @functools.cache

@@ -133,7 +133,7 @@ def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path) -
         _link_frames(work / "frames", frames, count)
         output = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}[stage]
         more = {"reconstruct": ("--eye", mesh, "--threads", 1), "render": (), "metrics": (
-            "--summary", made / "metrics.html", "--plots", made / "plots")}[stage]
+            "--summary", made / "metrics.html", "--plots", made / "plots", "--eye", mesh)}[stage]
         given = (mesh, frames, made / "surfaces") if stage == "render" else (frames,)
         runs.append(run_stage(stage, scene, initial, *given, "--output", output, *more, threads=1)
                     | {"disk": size_of(output) / count})

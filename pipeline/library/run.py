@@ -20,6 +20,7 @@ from pipeline.measures.metric import read_meanings
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines
 from pipeline.pages.run_page import ILLUSTRATION
+from pipeline.pages.scrubber import data_url, webp
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
@@ -33,6 +34,11 @@ SCENES, OUTPUTS = Path("config/scenes"), Path("outputs")
 PAGE = "index.html"                            # all else of a run is made on the way to it
 BY_SEGMENT = ("frames", "surfaces", "images")  # what has a folder per segment
 PICTURE_WIDTH = 640                            # pixels, of the last picture beside the numbers
+
+
+def relative(path: Path) -> Path:
+    """Return a path as people read it: from the folder of the process."""
+    return Path(os.path.relpath(path))
 
 
 def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None = None, name: str | None = None,
@@ -62,7 +68,7 @@ def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None
         raise UserError(f"cores is {cores}, but must be at least 1 and at most {available_cores()}, the cores that "
                         "can be used here")
     project = project_folder(folder)
-    made = Run(project / OUTPUTS / changed_scene(project / SCENES, scene, changes, accuracy, name) / accuracy)
+    made = Run(project / OUTPUTS / changed_scene(relative(project / SCENES), scene, changes, accuracy, name) / accuracy)
     made.make(*want, cores=cores, device=device, progress=progress)
     return made
 
@@ -100,7 +106,7 @@ class Run:
         UserError : something could not be made.
         """
         project = self.folder.parents[2]
-        scene = load_scene(project / SCENES / f"{self.folder.parent.name}.yaml", self.folder.name)
+        scene = load_scene(relative(project / SCENES) / f"{self.folder.parent.name}.yaml", self.folder.name)
         files = [file for one in want for file in (
             [f"{one}/segment_{name}" for name in scene.segment_names] if one in BY_SEGMENT else [one])]
         make(project, [str(self.folder.relative_to(project) / file) for file in files], cores=cores, device=device,
@@ -111,7 +117,7 @@ class Run:
     @functools.cached_property
     def scene(self) -> Scene:
         """The scene in SI units, with every default."""
-        return load_resolved(self.folder / "scene.json")
+        return load_resolved(relative(self.folder) / "scene.json")
 
     @functools.cached_property
     def metrics(self) -> MetricsTable:
@@ -180,15 +186,16 @@ class Run:
         if (self.folder / "images").is_dir():
             image = self.picture()
             image.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH))
-            parts += [page.picture(image._repr_png_(), f"{scene.title or scene.name}, at the end")]
-        links = [page.link(name, os.path.relpath(path)) for name, path in self.files.items()
+            parts += [Markup('<img alt="{}, at the end" src="{}">').format(
+                scene.title or scene.name, data_url(webp(image), "image/webp"))]
+        links = [page.link(name, str(relative(path))) for name, path in self.files.items()
                  if path.suffix in (".html", ".mp4", ".csv")]
         return str(Markup("\n").join([
             Markup("<h3>{}: {}</h3>").format(scene.title or scene.name, scene.accuracy), *parts,
             page.paragraph(*links), page.paragraph(ILLUSTRATION if scene.container is None else "")]))
 
     def __repr__(self) -> str:
-        return f"<run of {self.folder.parent.name} at {self.folder.name}: {self.folder}>"
+        return f"<run of {self.folder.parent.name} at {self.folder.name}: {relative(self.folder)}>"
 
     def _frame(self, frame: int) -> int:
         count = self.scene.frame_count
@@ -209,7 +216,7 @@ class Run:
         if not found.exists():
             wanted = found.relative_to(self.folder).parts[0]
             wanted = "metrics.csv" if wanted == "plots" else wanted
-            raise UserError(f"{found}: has not been made; make it with `.make(\"{wanted}\")`")
+            raise UserError(f"{relative(found)}: has not been made; make it with `.make(\"{wanted}\")`")
         return found
 
 

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.files import write_text
-from pipeline.measures.place_course import EXPLAINED, HEADS, Course
+from pipeline.measures.place_course import EXPLAINED, HEADS, IN_A_LAPSE, Course
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.model import Scene
@@ -43,7 +43,9 @@ def breaks_over_time(courses: Sequence[Course]) -> list[Markup]:
     """Return a table of when breaks were covered, and what its numbers are; nothing without any."""
     if not courses:
         return []
-    return [page.table(HEADS, [course.cells() for course in courses], words=(1,)), page.paragraph(EXPLAINED)]
+    lapse = any(course.second_means not in (None, 1.0) for course in courses)
+    return [page.table(HEADS, [course.cells() for course in courses], words=(1,)),
+            page.paragraph(EXPLAINED, IN_A_LAPSE if lapse else "")]
 
 
 def changing(shown: Sequence[Shown]) -> Markup:

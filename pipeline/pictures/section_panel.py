@@ -12,6 +12,8 @@ from skimage.measure import find_contours
 
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, gravity_mark, write
 from pipeline.pictures.paint import colors_of
+from pipeline.scenes.eye_shape import CORNEA_TO_GLOBE, shape_of
+from pipeline.scenes.model import Eye as SceneEye
 
 # Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen.
 DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
@@ -36,10 +38,28 @@ PUPIL_RADIUS, IRIS_THICKNESS = 2.0e-3, 0.4e-3
 
 @dataclasses.dataclass(frozen=True)
 class Eye:
-    """What the scheme around the cavity needs: axial length in m, None for a user's mesh, and the lens."""
+    """What the scheme around the cavity needs.
+
+    Attributes
+    ----------
+    axial_length : m, None for a user's mesh.
+    globe : half axes along y and z, m, of a globe with a buckle or a staphyloma, which its outline does not tell.
+    iris : z of the iris, m, where the liquids fill the anterior chamber too.
+    """
 
     axial_length: float | None
     lens: str
+    globe: tuple[float, float] | None = None
+    iris: float | None = None
+
+
+def scheme_of(eye: SceneEye) -> Eye:
+    """Return what the scheme around the cavity of a scene's eye needs."""
+    if eye.model != "parametric":
+        return Eye(None, eye.lens)
+    shape = shape_of(eye)
+    globe = (float(shape.half_axes[1]), float(shape.half_axes[2])) if shape.altered else None
+    return Eye(eye.axial_length, eye.lens, globe, shape.front if eye.anterior_chamber else None)
 
 
 class SectionPanel:
@@ -115,7 +135,7 @@ class SectionPanel:
         y = self.origin[0] + self.cell * np.array([rows.min(), rows.max()])
         z = self.origin[1] + self.cell * np.array([columns.min(), columns.max()])
         if eye.axial_length:
-            z[1] = z[0] + eye.axial_length
+            z[1] = z[0] + eye.axial_length if eye.globe is None else eye.globe[1] + CORNEA_TO_GLOBE
         return y, z
 
     def _scheme(self, distance: np.ndarray, field: np.ndarray, eye: Eye) -> np.ndarray:
@@ -128,8 +148,10 @@ class SectionPanel:
         y = self.origin[0] + self._rows * self.cell
         z = self.origin[1] + self._columns * self.cell
         (_, top), (back, apex) = self._extent(field, eye)
+        if eye.globe is not None:
+            top, back = eye.globe[0], -eye.globe[1]
         on_axis = np.nonzero(field[round(-self.origin[0] / self.cell)] < 0.0)[0]
-        lens_back = self.origin[1] + self.cell * on_axis.max()
+        lens_back = self.origin[1] + self.cell * on_axis.max() if eye.iris is None else eye.iris
         if eye.lens == "phakic":
             lens_front = lens_back + LENS_THICKNESS
             lens = (np.hypot(y, z - (lens_back + LENS_BACK_RADIUS)) < LENS_BACK_RADIUS) & \
@@ -158,6 +180,10 @@ class SectionPanel:
         ciliary |= front & (distance < MEMBRANE) & (np.abs(y) > LENS_EDGE)
         iris = (np.abs(z - iris_back) < IRIS_THICKNESS / 2) & (np.abs(y) > PUPIL_RADIUS) & front
         ring = (distance < WALL_THICKNESS) & ~within(0.0) & (z < iris_back)
+        if eye.globe is not None:   # what a buckle presses in, and what is left beside a bulge
+            ring |= (distance > 0.0) & within(WALL_THICKNESS) & (z < min(lens_back, iris_back))
+        if eye.iris is not None:
+            iris = (distance > 0.0) & within(0.0) & (outer < CORNEA_RADIUS - CORNEA_THICKNESS)
         for region, color in ((chamber, CHAMBER), (sclera | ring, WALL), (cornea, CORNEA), (ciliary, CILIARY),
                               (lens, LENS), (iris, IRIS)):
             pixels[region] = color

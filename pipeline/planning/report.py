@@ -43,7 +43,16 @@ def eye_words(eye: Eye) -> str:
     """Return which eye was planned for."""
     if eye.model == "mesh":
         return f"the mesh {eye.path}"
-    return f"{eye.lens}, {1e3 * eye.axial_length:g} mm long, an average eye of this length"
+    words = [f"{eye.lens}, {1e3 * eye.axial_length:g} mm long, an average eye of this length"]
+    if eye.anterior_chamber:
+        words.append("the anterior chamber filled too")
+    if eye.buckle is not None:
+        hours = eye.buckle.clock_hours
+        place = "all around" if hours is None else f"from {hours[0]:g} to {hours[1]:g} o'clock"
+        words.append(f"a buckle of {1e3 * eye.buckle.height:g} mm {place}")
+    if eye.staphyloma is not None:
+        words.append(f"a staphyloma of {1e3 * eye.staphyloma.depth:g} mm")
+    return ", ".join(words)
 
 
 def verdict(question: Question, found: Sequence[Answer]) -> list[str]:
@@ -74,7 +83,7 @@ def assumptions(question: Question, eye: Eye) -> list[str]:
     return [
         f"Clock hours as an observer sees them who faces the patient (chart of Amsler and Dubois): 3 is on the "
         f"patient's left, {nasal} in this {eye.side} eye.",
-        f"Eye: {eye_words(eye)}. A buckle, a staphyloma or other individual shape is only in a mesh of your own.",
+        f"Eye: {eye_words(eye)}. What is not named here, such as another individual shape, is only in a mesh.",
         f"The oil must reach {1e3 * question.margin:g} mm beyond the break on all sides.",
         f"Oil at rest: tension {1e3 * question.tension:g} mN/m, contact angle {np.degrees(question.contact_angle):.3g} "
         f"degrees through {question.other.name}, which wets the rest of the wall. Only densities, tension, angle and "

@@ -219,7 +219,7 @@ def assumptions(sequence: Sequence) -> list[str]:
     angles = " and ".join(f"{np.degrees(angle):.3g}" for angle in sequence.other_angles)
     return [
         f"In every posture the oil is at rest, in the shape with the least energy; times of turns and of settling, "
-        f"about a second each, are left out. Tension {1e3 * liquids.tension:g} mN/m, contact angle "
+        f"seconds each, are left out. Tension {1e3 * liquids.tension:g} mN/m, contact angle "
         f"{np.degrees(liquids.contact_angle):.3g} degrees, densities differ by {liquids.density_difference:g} kg/m3.",
         "Covered by: how far the oil reaches beyond the break. Pressure: that of the oil over the aqueous at the same "
         "place, at the point of the break where it is smallest.",

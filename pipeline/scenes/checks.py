@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.base.words import printable
 from pipeline.scenes import container_checks
-from pipeline.scenes.eye_shape import eye_shape, globe_of
+from pipeline.scenes.eye_shape import globe_of, shape_of
 from pipeline.scenes.model import Block, Break, Container, Eye, Initial, Material, Output, Region, Scene, is_closed
 from pipeline.scenes.reader import Key, NotRead
 from pipeline.scenes.retina import ORA
@@ -29,6 +29,7 @@ from sim.settings import Numerics
 Found = Iterator[tuple[Key, str]]
 
 MOST_FRAMES = 100_000
+MOST_PLACES = 100  # each has several columns and lines in plots
 MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
 LONGEST_NAME = 100
 NAME = rf"[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}"
@@ -207,8 +208,7 @@ def _points_are_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Fo
     # The voxelize stage asks again, for a user's mesh too; here nothing is made, so nothing can be lost.
     if eye is None or eye.model != "parametric" or dimension != 3 or not any(REGISTRY[name].inside for name in effects):
         return
-    shape = eye_shape(eye.axial_length, lens=eye.lens, horizontal_diameter=eye.horizontal_diameter,
-                      vertical_diameter=eye.vertical_diameter)
+    shape = shape_of(eye)
     for name, parameters in effects.items():
         for key in REGISTRY[name].inside:
             point = np.array(getattr(parameters, key))
@@ -224,13 +224,16 @@ def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...]
     for key, places in (("breaks", breaks), ("regions", regions)):
         if places and (eye is None or dimension != 3):
             yield (key,), "are parts of the wall of an eye in three dimensions, but the scene has none; remove them"
+        if len(places) > MOST_PLACES:
+            yield (key,), f"has {len(places)} entries, but must have at most {MOST_PLACES}"
         names = [one.name for one in places]
         for index, name in enumerate(names):
-            if not re.fullmatch(r"[A-Za-z0-9_]+", name) or name == "band" or name.startswith("band_"):
-                yield ((key, index, "name"), f'is "{name}", but must be made of letters, digits and _, and not begin '
-                                             'with "band_", for it names columns')
+            if not re.fullmatch(r"[A-Za-z0-9_]{1,60}", name) or name == "band" or name.startswith("band_"):
+                yield ((key, index, "name"), f'is "{printable(name)}", but must be made of letters, digits and _, 60 '
+                                             'at most, and not begin with "band_", for it names columns')
             if name in names[:index]:
-                yield (key, index, "name"), f'is "{name}", as another one is named already; give each its own name'
+                yield ((key, index, "name"), f'is "{printable(name)}", as another one is named already; give each its '
+                                             'own name')
 
 
 @_check
@@ -268,6 +271,38 @@ def _eye_is_one_model(eye: Eye | None) -> Found:
         yield ("eye", "path"), "is missing, but an eye of model mesh must name its mesh file"
     if eye.model == "parametric" and eye.path is not None:
         yield ("eye", "path"), "is given, but model is parametric; use model: mesh to read a mesh file"
+
+
+@_check
+def _eye_can_have_what_it_is_given(eye: Eye | None) -> Found:
+    if eye is None:
+        return
+    for key in ("buckle", "staphyloma", "anterior_chamber"):
+        if eye.model == "mesh" and getattr(eye, key):
+            yield ("eye", key), "is given, but model is mesh, whose surface has its own shape; use model: parametric"
+    if eye.model == "parametric" and eye.landmarks is not None:
+        yield ("eye", "landmarks"), "are given, but model is parametric, which knows how it lies; use model: mesh"
+    if eye.model == "parametric" and eye.anterior_chamber and eye.lens != "aphakic":
+        yield ("eye", "anterior_chamber"), f"is filled, but lens is {eye.lens}; only an aphakic eye lets oil into it"
+    if eye.buckle is not None and eye.buckle.clock_hours is not None:
+        first, last = eye.buckle.clock_hours
+        if (last - first) % 12.0 == 0.0:
+            yield (("eye", "buckle", "clock_hours"), f"are {first:g} and {last:g}, but must be two different ones; "
+                                                     "leave them out for a buckle all around")
+    if eye.landmarks is not None and not any(eye.landmarks.superior):
+        yield ("eye", "landmarks", "superior"), "is [0, 0, 0], but must be a direction, such as [0, 0, 1]"
+
+
+@_check
+def _wall_of_eye_is_seen(eye: Eye | None) -> Found:
+    if eye is None or eye.model != "parametric" or (eye.anterior_chamber and eye.lens != "aphakic"):
+        return
+    shape = shape_of(eye)
+    try:
+        shape.viewpoint  # noqa: B018  its search is the check
+    except ValueError as error:
+        names = [name for name in ("buckle", "staphyloma") if getattr(eye, name) is not None] or ["anterior_chamber"]
+        yield ("eye", names[0]), f"leads to a shape that cannot be filled: {error}; lower or widen it"
 
 
 @_check

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from pipeline.base.words import duration as in_words
 from pipeline.scenes.eye_shape import SMALLEST_VOLUME, published_volume
-from pipeline.scenes.memory_check import too_large
+from pipeline.scenes.memory_check import too_fine, too_large
 from pipeline.scenes.model import Block, Container, Eye, Initial, Material, Output, is_closed
 from pipeline.scenes.reader import Key
 from sim.effects import REGISTRY
@@ -19,6 +19,7 @@ Found = Iterator[tuple[Key, str]]
 
 FEWEST_SPACINGS = 4  # per side of a container: below, every particle touches both walls
 LEAST_TIME = 2e-4  # s that a time step takes on any computer, be there hardly a particle
+EYE_IN_BOX = 1.9  # volume of the box around an eye, over its own
 MOST_BLOCKS = 1000  # every two of them are compared
 FUNNEL_SPACINGS = 2.0  # thickness of the wall of a funnel
 ROUNDING = 1e-9  # of lengths, relative to the container
@@ -198,9 +199,9 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
                                           f"{limit:.3g} s because of {reason}")
 
 
-def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
-                              dimension: int, eye: Eye | None, container: Container | None,
-                              blocks: tuple[Block, ...]) -> Found:
+def scene_fits_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
+                           dimension: int, eye: Eye | None, container: Container | None, blocks: tuple[Block, ...],
+                           output: Output) -> Found:
     if not liquids or (container is None and eye is None):
         return
     if container is None:
@@ -216,6 +217,11 @@ def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...],
     reason = too_large(settings, volume if box is None or volume < box else box, box)
     if reason:
         yield ("numerics", "particle_spacing"), reason
+    elif dimension == 3:
+        around = EYE_IN_BOX * volume if box is None else box
+        reason = too_fine(output.cell_ratio, output.contour, around / numerics.particle_spacing**3)
+        if reason:
+            yield ("output", "cell_ratio"), reason
 
 
 def cost_is_allowed(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict, dimension: int,
@@ -255,5 +261,5 @@ CHECKS = (
     blocks_have_room_for_particles, blocks_do_not_overlap,
     lines_have_no_triangles, points_are_in_the_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
-    fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory, cost_is_allowed,
+    fixed_time_step_is_stable, fixed_time_step_is_large_enough, scene_fits_into_memory, cost_is_allowed,
 )

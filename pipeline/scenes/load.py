@@ -1,8 +1,8 @@
 """From a scene file in YAML to the resolved scene, and back from the resolved file."""
 import contextlib
 import dataclasses
+import functools
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
-from pipeline.scenes.paths import file_of_project
-from pipeline.scenes.reader import FAILED, Errors, NotRead, Reader, describe, nearest
+from pipeline.scenes.paths import file_of_project, project_of
+from pipeline.scenes.reader import FAILED, Errors, Find, NotRead, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
 from sim.effects import REGISTRY
 from sim.schemes import REGISTRY as SCHEMES
@@ -97,25 +97,26 @@ class _Resolver:
             return self._resolved[path]
         errors = Errors(path)
         data = read_extended(path, errors)
-        parts = self._read_parts(path, data, errors)
+        find = functools.partial(file_of_project, path, project_of(path, self._config_dir), errors)
+        parts = self._read_parts(path.stem, data, errors, find)
         for key, message in check(parts):
             errors.add(key, message)
-        if isinstance(parts.get("eye"), Eye):
-            parts["eye"] = self._with_mesh_beside(path, parts["eye"], errors)
+        if isinstance(parts.get("eye"), Eye) and parts["eye"].path is not None:
+            parts["eye"] = dataclasses.replace(parts["eye"], path=str(find(parts["eye"].path, ("eye", "path"))))
         if parts.get("start_from") is not None:
             self._check_start(parts, path, (*chain, path), errors)
         errors.raise_any()
         self._resolved[path] = Scene(**parts)
         return self._resolved[path]
 
-    def _read_parts(self, path: Path, data: dict[str, Any], errors: Errors) -> dict[str, Any]:
+    def _read_parts(self, name: str, data: dict[str, Any], errors: Errors, find: Find) -> dict[str, Any]:
         """Return the fields of the scene without those that have errors."""
         liquids = data.get("liquids")
         # With an unknown liquid the references to the right name would look wrong too.
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
-        reader = Reader(errors, liquids if known else (), path.parent)
+        reader = Reader(errors, liquids if known else (), find)
         reader.refuse_unknown(data, SCENE_KEYS, ())
-        parts: dict[str, Any] = {"name": path.stem, "accuracy": self.accuracy}
+        parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:
             parts["liquids"] = read_liquids(liquids, self.materials, reader, errors)
         level = self._read_level(data.get("levels", {}), reader)
@@ -153,14 +154,6 @@ class _Resolver:
                 for name, place_taker in SCHEMES[scheme].unread.items() if isinstance(numbers, dict) else ():
                     if name in numbers and not any(name in REGISTRY[effect].reads for effect in effects):
                         errors.add((*key, name), f"is not read by the scheme {scheme}: its place takes {place_taker}")
-
-    def _with_mesh_beside(self, scene_file: Path, eye: Eye, errors: Errors) -> Eye:
-        """Return ``eye`` with the path of its mesh taken from the folder of the scene file."""
-        if eye.path is None:
-            return eye
-        folder = Path(os.path.abspath(scene_file)).parent
-        project = folder.parents[1] if folder.parent.resolve() == self._config_dir.resolve() else folder
-        return dataclasses.replace(eye, path=file_of_project(scene_file, eye.path, project, ("eye", "path"), errors))
 
     def _check_start(self, parts: dict[str, Any], path: Path, chain: tuple[Path, ...], errors: Errors) -> None:
         """Collect the errors of the scene that this one starts from, or of what they should have in common."""

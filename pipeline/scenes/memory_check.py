@@ -8,6 +8,8 @@ from sim.neighbor_rows import HEAD_ROOM
 from sim.settings import Settings
 
 FILLING = 120.0  # bytes per node of the grid of the signed distance while a cavity is filled
+# bytes per cell of the grid on which surfaces are found: sharp ones look at cells near the interface only.
+SURFACE = {"sharp": 7.0, "flying_edges": 110.0, "marching_cubes": 110.0}
 NODES = 2.0  # nodes of that grid along a particle spacing
 CGROUPS = Path("/sys/fs/cgroup")
 
@@ -65,6 +67,22 @@ def too_large(settings: Settings, volume: float, box: float | None = None, parti
     digits = 10.0 ** (math.floor(math.log10(fits)) - 1)
     return (f"is {1e3 * spacing:g} mm, which makes {count:.2g} particles that need {_in_words(need)}, but must be at "
             f"least {1e3 * digits * math.ceil(fits / digits):.3g} mm for the {_in_words(have)} of this computer")
+
+
+def too_fine(cell_ratio: float, method: str, box: float) -> str:
+    """Return why the grid of the surfaces does not fit into memory, after the word "cell_ratio"; empty where it does.
+
+    Parameters
+    ----------
+    method : ``output.contour``. box : around the cavity, in cubed particle spacings.
+    """
+    have, cells = memory_of_computer(), box / cell_ratio**3
+    need = SURFACE[method] * cells
+    if need <= have:
+        return ""
+    fits = math.ceil(100.0 * cell_ratio * math.cbrt(need / have)) / 100.0
+    return (f"is {cell_ratio:g}, which makes {cells:.2g} cells that need {_in_words(need)}, but must be at least "
+            f"{fits:g} for the {_in_words(have)} of this computer")
 
 
 def _in_words(size: float) -> str:

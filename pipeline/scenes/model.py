@@ -13,8 +13,49 @@ from sim.settings import Liquid, Numerics, Settings
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
+EQUATOR = math.radians(90.0) + 1e-9   # from the posterior pole; units are rounded
 LARGEST_LATITUDE = math.radians(ORA)
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+
+
+@dataclasses.dataclass(frozen=True)
+class Buckle:
+    """A scleral buckle: it presses the wall inward along a circle of latitude, all around or between clock hours."""
+
+    height: float = parameter(unit="m", exclusive_minimum=0.0, maximum=0.005, meaning="depth of the indentation")
+    width: float = parameter(0.004, unit="m", minimum=0.002, maximum=0.012,
+                             meaning="width of the indentation at half its depth")
+    latitude: float = parameter(math.radians(95.0), unit="rad", minimum=math.radians(50.0),
+                                maximum=LARGEST_LATITUDE + 1e-9,
+                                meaning="angle of its ridge from the posterior pole: equator 90 deg, ora 115 deg")
+    clock_hours: tuple[float, float] | None = parameter(
+        None, minimum=0.0, maximum=12.0,
+        meaning="first and last clock hour, clockwise as an observer sees it who faces the patient; else all around")
+
+
+@dataclasses.dataclass(frozen=True)
+class Staphyloma:
+    """A staphyloma: a bulge of the wall outward. At the posterior pole its depth is part of the axial length."""
+
+    depth: float = parameter(unit="m", exclusive_minimum=0.0, maximum=0.006, meaning="depth of the bulge")
+    width: float = parameter(0.010, unit="m", minimum=0.004, maximum=0.016,
+                             meaning="width of the bulge at half its depth")
+    angle: float = parameter(0.0, unit="rad", minimum=0.0, maximum=EQUATOR,
+                             meaning="angle of its middle from the posterior pole")
+    clock_hour: float = parameter(6.0, minimum=0.0, maximum=12.0,
+                                  meaning="clock hour of its middle, as an observer sees it who faces the patient")
+
+
+@dataclasses.dataclass(frozen=True)
+class Landmarks:
+    """Points of a mesh, in the coordinates of its file, that tell how it lies; what is not given is found."""
+
+    fovea: tuple[float, float, float] | None = parameter(None, unit="m", meaning="fovea")
+    optic_disc: tuple[float, float, float] | None = parameter(None, unit="m", meaning="middle of the optic disc")
+    corneal_apex: tuple[float, float, float] | None = parameter(
+        None, unit="m", meaning="apex of the cornea, or another point ahead on the axis")
+    superior: tuple[float, float, float] = parameter((0.0, 1.0, 0.0), minimum=-1.0, maximum=1.0,
+                                                     meaning="direction in the file that is superior")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,9 +71,16 @@ class Eye:
                                                 meaning="inner vertical diameter, else a mean of measured eyes")
     lens: str = parameter("phakic", choices=LENSES, meaning="own lens, artificial lens or none")
     side: str = parameter("right", choices=SIDES, meaning="which eye: temporal is the patient's right in a right eye")
+    anterior_chamber: bool = parameter(False, meaning="the liquids fill the anterior chamber too, of an aphakic eye")
+    pupil: float = parameter(0.005, unit="m", minimum=0.003, maximum=0.009,
+                             meaning="diameter of the pupil through which they do")
+    buckle: Buckle | None = parameter(None, meaning="scleral buckle of the parametric eye")
+    staphyloma: Staphyloma | None = parameter(None, meaning="staphyloma of the parametric eye")
     path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
     unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
     force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
+    landmarks: Landmarks | None = parameter(
+        None, meaning="how the mesh lies, else as its axes say: x to the patient's left, y superior, z anterior")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +171,7 @@ class Block:
     @property
     def volume(self) -> float:
         """Volume, m3 (m2 in two dimensions)."""
-        share = {"box": 1.0, "ball": math.pi / (2 * len(self.lower))}
+        share = {"box": 1.0, "ball": math.pi / (2 * max(len(self.lower), 1))}
         return share.get(self.shape, math.pi / 4.0) * math.prod(self.sides)
 
     @property

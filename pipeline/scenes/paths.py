@@ -5,8 +5,19 @@ from pathlib import Path
 from pipeline.scenes.reader import Errors, Key, describe
 
 
-def file_of_project(scene_file: Path, name: str, project: Path, key: Key, errors: Errors) -> str:
-    """Return the path of a file that ``key`` of a scene file names, relative to the folder of that file.
+def project_of(scene_file: Path, config_dir: Path) -> Path:
+    """Return the folder that the files of a scene lie in: its project, or its own folder if it is in none.
+
+    Parameters
+    ----------
+    config_dir : folder of the configuration that the scene is read with.
+    """
+    folder = Path(os.path.abspath(scene_file)).parent
+    return folder.parents[1] if folder.parent.resolve() == config_dir.resolve() else folder
+
+
+def file_of_project(scene_file: Path, project: Path, errors: Errors, name: str, key: Key) -> Path | None:
+    """Return the file that ``key`` of a scene file names, relative to the folder of that; None if there is none.
 
     A scene is data, possibly a stranger's: it cannot reach for files outside the project. A link in the project does,
     for those who want that.
@@ -17,16 +28,18 @@ def file_of_project(scene_file: Path, name: str, project: Path, key: Key, errors
     errors : learns of a file that is missing or elsewhere.
     """
     path = Path(os.path.normpath(scene_file.parent / name))
-    if not Path(os.path.abspath(path)).is_relative_to(os.path.abspath(project)):
-        errors.add(key, f"is {describe(name)}, which lies outside of the project ({os.path.abspath(project)}), but a "
-                        "scene may name files in it only; copy the file, or link to it (`ln -s`), beside the scene")
-    elif not _is_file(path):
+    if not Path(os.path.abspath(path)).is_relative_to(project):
+        errors.add(key, f"is {describe(name)}, which lies outside of the project ({project}), but a scene may name "
+                        "files in it only; copy the file, or link to it (`ln -s`), beside the scene")
+        return None
+    if not _is_file(path):
         errors.add(key, f"is {describe(name)}, but there is no such file beside the scene ({path.parent})")
-    return str(path)
+        return None
+    return path
 
 
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # a name that is too long
+    except (OSError, ValueError):  # a name that is too long, or cannot be one
         return False

@@ -8,7 +8,7 @@ import math
 import types
 import typing
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.value_files import READERS
 
 Key = tuple[str | int, ...]
+Find = Callable[[str, Key], Path | None]
+SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
 MOST_MESSAGES = 20  # that are shown of one file
 UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
 FAILED = object()  # stands for a value that could not be read; its error is collected
@@ -84,12 +86,13 @@ class Reader:
     ----------
     errors : collects what is wrong.
     liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
-    folder : where files are that parameters name in place of their values; none can be named without it.
+    find : returns the file that a parameter names in place of its values, or collects an error; none can be named
+        without it.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = (), folder: Path | None = None):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None):
         self._errors = errors
-        self._folder = folder
+        self._find = find
         self._liquids = tuple(liquids) or None
 
     def record(self, cls: Any, data: Any, key: Key = (), base: Any = None) -> Any:
@@ -136,7 +139,7 @@ class Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is types.UnionType:  # X | None
             return None if data is None else self._value(arguments[0], metadata, data, key)
-        if metadata.get("file") and isinstance(data, str) and self._folder is not None:
+        if metadata.get("file") and isinstance(data, str) and self._find is not None:
             return self._from_file(kind, metadata, data, key)
         if dataclasses.is_dataclass(kind):
             return self.record(kind, data, key)
@@ -151,11 +154,14 @@ class Reader:
 
     def _from_file(self, kind: Any, metadata: Mapping, name: str, key: Key) -> Any:
         """Read the values of a parameter from a file that stands in their place."""
+        path = self._find(name, key)
+        if path is None:
+            return FAILED
         try:
-            values = READERS[metadata["file"]](self._folder / name)
+            values = READERS[metadata["file"]](path)
         except UserError as error:
             for sentence in error.messages:
-                self._errors.add(key, f'is "{name}", but {sentence}')
+                self._errors.add(key, f"is {describe(name)}, but {sentence}")
             return FAILED
         return self._value(kind, metadata, values, key)
 
@@ -197,6 +203,8 @@ class Reader:
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
         if not _in_range(number, metadata):
             return self._fail(key, data, f"must be {allowed_range(metadata)}{_meaning(metadata)}")
+        if number and not SMALLEST <= abs(number) <= LARGEST:
+            return self._fail(key, data, f"must be 0, or from {SMALLEST:g} to {LARGEST:g} in size{_meaning(metadata)}")
         return kind(number)
 
     def _bool(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:

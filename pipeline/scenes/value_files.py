@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import printable
 
-MOST_LINES = 10_000
+MOST_LINES, MOST_BYTES = 10_000, 5_000_000
 ANGLES, GRAVITY = ("pitch", "roll", "yaw"), ("gravity_x", "gravity_y", "gravity_z")
 UNITS = {"time": {"s": 1.0, "min": 60.0, "h": 3600.0},
          **{name: {"deg": math.pi / 180.0, "rad": 1.0} for name in ANGLES},
@@ -40,8 +41,9 @@ def head_orientation(path: Path) -> list[list[float]]:
     ------
     UserError : with a clause for what is wrong: columns, units, numbers, order, gaps, lengths.
     """
-    if not path.is_file():
-        raise UserError(f"there is no such file beside the scene ({path})")
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise UserError(f"it has {size} bytes, but at most {MOST_BYTES} can be read; leave out some lines")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
@@ -75,11 +77,11 @@ def _columns(header: list[str]) -> dict[str, float]:
         name, unit = (match[1], match[2]) if match else (cell, None)
         if name not in UNITS or name in columns:
             said = "twice" if name in columns else "that is not known"
-            raise UserError(f'it has the column "{cell.strip()}" {said}; allowed are {COLUMNS}')
+            raise UserError(f'it has the column "{printable(cell.strip())}" {said}; allowed are {COLUMNS}')
         if unit not in UNITS[name]:
             units = " or ".join(f"{name} [{one}]" for one in UNITS[name])
-            raise UserError(f'its column "{cell.strip()}" has {"no" if unit is None else "an unknown"} unit, but must '
-                            f"be {units}")
+            raise UserError(f'its column "{printable(cell.strip())}" has {"no" if unit is None else "an unknown"} '
+                            f"unit, but must be {units}")
         columns[name] = UNITS[name][unit]
     given = set(columns) - {"yaw"}
     if given not in ({"time", "pitch", "roll"}, {"time", *GRAVITY}) or ("yaw" in columns and GRAVITY[0] in columns):
@@ -93,7 +95,7 @@ def _number(name: str, cell: str, line: int) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        said = f'is "{cell.strip()}"' if cell.strip() else "is empty"
+        said = f'is "{printable(cell.strip())}"' if cell.strip() else "is empty"
         raise UserError(f"its line {line} has a gap: {name} {said}, but must be a number in every line; leave out the "
                         "line, or fill it in")
     return value

@@ -7,7 +7,7 @@ the surgeon moves the tip or the eye.
 In surgery the oil creeps, so that its shape follows from densities, tension and the capillary number mu Q/(pi R^2
 sigma) alone. That one is the same for all oils in one cannula, since the flow Q falls as the viscosity mu rises (J6). A
 simulation cannot wait for minutes: the flow is larger here and the oil as much thinner, at the capillary number of
-surgery.
+surgery. Equations: docs/methods/injection.md.
 """
 import dataclasses
 import time
@@ -137,7 +137,8 @@ def _outcome(case: Parameters, eye: RestingEye, readings: np.ndarray, lost: bool
               for t, left, distance in readings]
     common: dict[str, Any] = {"at": f"[{1e3 * solver.spacing:g} mm]"}
     outcome = Outcome(tables={"exchanges": [list(EXCHANGES), *lines], "courses": [list(EXCHANGE_COURSES), *course]})
-    outcome.rows += [Row(quantity, value, unit or "1", **common) for quantity, value, unit in numbers]
+    outcome.rows += [Row(quantity, value, unit or "1", **common) for quantity, value, unit in numbers
+                     if np.isfinite(value)]
     outcome.rows += [Row("capillary number", capillary, **common),
                      Row("particles", float(solver.count[None]), **common),
                      Row("time steps", float(solver.step_count), **common),

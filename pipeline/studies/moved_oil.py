@@ -3,8 +3,8 @@
 Every movement begins with the oil at rest (`pipeline.study_kit.resting_eye`). In saccades and in the jolt the patient
 is upright; the stress on the retina and the shift of the interface are read while the movement lasts and a little
 after. Standing up is slow, so that its particles may be larger and its steps longer; what is watched is the way of the
-aqueous' center from its place at rest of the supine patient to that of the upright one. The wall beside is that of a
-sphere of the eye's volume full of the oil, whose stress in a saccade is known exactly.
+aqueous' center from where it rests in the supine patient to where it rests in the upright one. Beside the stress in a
+saccade stands the exact one in a sphere of the eye's volume full of the oil.
 """
 import dataclasses
 import time
@@ -47,6 +47,7 @@ READINGS = 12           # of a saccade and of a jolt
 PERCENTILE = 99.0       # of the shift of the interface that is called its largest
 LONGEST_STEP = 20e-3    # s, while standing up; the limit of the tension, which grows with viscosity, is smaller
 WAYS = (0.5, 0.8)       # shares of the way whose times are told
+MODES = 300             # of the exact stress in a sphere
 THREADS = 1
 
 
@@ -164,7 +165,7 @@ def _shaken(case: Parameters, eye: RestingEye) -> Outcome:
 def _read(solver, start: float, lasts: float, watch: "Watch") -> list[tuple[float, ...]]:
     """Times and readings of a movement and a little after."""
     ends = start + np.arange(1, round(READINGS * (lasts + AFTER) / lasts) + 1) * lasts / READINGS
-    found = []
+    found: list[tuple[float, ...]] = []
     with progress(len(ends), f"from {start:.3g} s on") as bar:
         for end in ends:
             for _ in solver.advance(float(end)):
@@ -200,7 +201,7 @@ def _exact(case: Parameters, eye: RestingEye) -> np.ndarray:
     """Mean stress on the wall of a sphere full of the oil at the times of the readings of a saccade, Pa."""
     oil, saccade = eye.scene.liquids[1], dataclasses.replace(saccade_of(case), start=0.0, count=1)
     radius = (3.0 * eye.solver.cavity_volume / (4.0 * np.pi)) ** (1.0 / 3.0)
-    exact = Turned(saccade, oil.dynamic_viscosity / oil.density, oil.density, radius)
+    exact = Turned(saccade, oil.dynamic_viscosity / oil.density, oil.density, radius, modes=MODES)
     count = round(READINGS * (saccade.lasts + AFTER) / saccade.lasts)
     return np.array([0.25 * np.pi * abs(exact.stress(n * saccade.lasts / READINGS)) for n in range(1, count + 1)])
 

@@ -5,7 +5,7 @@ for every saccade. The contact line is the exact one of oil at rest (`pipeline.e
 simulated; with `particles` the line of the effect itself is measured beside, on the particles of the eye.
 
 Droplets rise as long as they can: along gravity through the aqueous, then along oil or wall (heavy oil: they sink).
-Tracers follow that way in steps, from where the droplets are torn off.
+Tracers follow that way in steps, from where the droplets are torn off. Equations: docs/methods/mixtures.md.
 """
 import dataclasses
 from collections.abc import Sequence

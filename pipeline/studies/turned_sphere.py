@@ -140,17 +140,19 @@ class Turned:
     density : kg/m^3.
     radius : of the cavity, m.
     dimension : 3 for a sphere, 2 for a circle.
+    modes : number of modes; the stress of a stiff liquid lacks a share of 1/modes.
     """
 
-    def __init__(self, saccade: Saccade, viscosity: float, density: float, radius: float, dimension: int = 3):
+    def __init__(self, saccade: Saccade, viscosity: float, density: float, radius: float, dimension: int = 3,
+                 modes: int = MODES):
         self.saccade, self.viscosity, self.density, self.radius = saccade, viscosity, density, radius
         self.wall_speed = saccade.peak * radius
         if dimension == 3:  # tan z = z
             self.zeros = np.array([brentq(lambda z: np.sin(z) - z * np.cos(z), n * np.pi, (n + 0.5) * np.pi)
-                                   for n in range(1, MODES + 1)])
+                                   for n in range(1, modes + 1)])
             self.share = 2.0 * radius / (self.zeros * spherical_jn(2, self.zeros))
         else:
-            self.zeros = jn_zeros(1, MODES)
+            self.zeros = jn_zeros(1, modes)
             self.share = 2.0 * radius / (self.zeros * jv(2, self.zeros))
         self.bessel = spherical_j1 if dimension == 3 else cylindrical_j1
 
@@ -159,8 +161,9 @@ class Turned:
         decay = self.viscosity * (self.zeros / self.radius) ** 2
         times = np.linspace(0.0, time, SUBSTEPS + 1)
         rates = np.array([self.saccade.rate(t) for t in times])
-        middles = 0.5 * (times[1:] + times[:-1])
-        return -self.share * (np.exp(-np.multiply.outer(decay, time - middles)) @ np.diff(rates))
+        # The wall accelerates evenly within a substep, in which the last modes decay altogether.
+        left = np.exp(-np.multiply.outer(decay, time - times))
+        return -self.share * (np.diff(left, axis=1) @ (np.diff(rates) / np.diff(times))) / decay
 
     def speed(self, radius: np.ndarray, time: float) -> np.ndarray:
         """Velocity along the circles at r (n,), over sin(theta), m/s."""

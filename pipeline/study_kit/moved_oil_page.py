@@ -1,6 +1,6 @@
 """The page of the study of movements: what saccades, a jolt and standing up do with every oil.
 
-Sources of what is set beside: [rossi2021, abstract], [isakova2014, abstract], [angunawela2011, abstract and p. 7050].
+Sources of what is set beside: [rossi2021, abstract], [isakova2014, abstract], [angunawela2011, page 7050].
 """
 import dataclasses
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ from pipeline.study_kit.surgeons_words import (
 
 PICTURES, TABLES = ("movements",), ("movements", "courses")
 HALF, MOST = time_to_make(0.5), time_to_make(0.8)
-ADHESION = (3.9, 266.0)  # Pa, of the retina: a day after laser, and the most in animals [angunawela2011, p. 7050]
+ADHESION = (3.9, 266.0)  # Pa, of the retina: a day after laser, and the most in animals [angunawela2011, page 7050]
 STEP_ERROR = 0.2         # of the time to come to rest, by long time steps: docs/results/step_size.md
 COLUMNS = ((SACCADES, STRESS, "saccade: mean stress / Pa"), (SACCADES, HIGH_STRESS, "1 % exceeds / Pa"),
            (SACCADES, SHIFT, "interface moves / mm"), (JOLT, STRESS, "jolt: mean stress / Pa"),
@@ -86,6 +86,11 @@ class Movements:
         """Names of the oils."""
         return list(dict.fromkeys(oil for oil, *_ in self.found))
 
+    def light(self, movement: str, quantity: str) -> list[str]:
+        """Oils lighter than the aqueous of which a quantity is known, as listed: thin ones first."""
+        return [oil for oil in self.oils if not oil.startswith("heavy")
+                and np.isfinite(self.number(oil, movement, quantity)[0])]
+
     @property
     def reference(self) -> str:
         """The oil with finer particles, the first if there is none."""
@@ -110,7 +115,9 @@ class Movements:
     def cell(self, oil: str, movement: str, quantity: str) -> str:
         """A number as the table shows it; nothing where a movement is not over."""
         value, error = self.number(oil, movement, quantity)
-        return "–" if np.isnan(value) else f"{rounded(value, error)} ± {rounded(error, error)}"
+        if np.isnan(value):
+            return "–"
+        return f"{rounded(value, error)} ± {rounded(error, error)}" if error else f"{value:.2g}"
 
 
 def rounded(value: float, error: float) -> str:
@@ -154,8 +161,8 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
          "aqueous has made to where it rests in the patient who sits."],
         "Oil by oil", ("", *(head for *_, head in COLUMNS)), rows,
         [f"± holds the spread of repeated saccades and what particles of {finer(movements)} change with "
-         f"{oil_words(movements.reference)}; after sitting up also a fifth for long time steps (",
-         page.joined(link_to("results/step_size.md"), ")."),
+         f"{oil_words(movements.reference)}; after sitting up also a fifth for long time steps, see",
+         page.joined(link_to("results/step_size.md"), "."),
          "The stress that 1 % of the retina exceeds is found at the contact line and at the edges in front. All "
          "numbers are in", page.link("movements.csv", "movements.csv"), "and", page.link("courses.csv", "courses.csv")],
         _assumed(movements), _validated(movements),
@@ -173,29 +180,39 @@ def finer(movements: Movements) -> str:
 
 def headline(movements: Movements) -> str:
     """Return the answer in one sentence or two."""
-    light = [oil for oil in movements.oils if not oil.startswith("heavy")]
-    thin, thick = light[0], light[-1]
-    stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
-    shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
-    rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
-    jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in movements.oils)
-                  for movement in (JOLT, SACCADES))
-    words = [f"A saccade drags at the retina with {min(stress):.1f} to {max(stress):.1f} Pa in the mean, whichever the "
-             f"oil, and moves the interface by {shift[0]:.1f} mm with {oil_words(thin)} and {shift[1]:.1f} mm with "
-             f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
-             "a saccade."]
-    if np.isfinite(rest).all():
+    turned, stood = movements.light(SACCADES, STRESS), movements.light(STANDING_UP, MOST)
+    words = []
+    if turned:
+        words.append(_of_saccades(movements, turned))
+    if stood:
+        thin, thick = stood[0], stood[-1]
+        rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
         words.append(f"After sitting up {oil_words(thin)} needs {rest[0]:.0f} s for most of its way, "
                      f"{oil_words(thick)} {rest[1]:.0f} s: in proportion to the viscosity, and at most, since a film "
                      "of aqueous would let it slide.")
     return " ".join(words)
 
 
+def _of_saccades(movements: Movements, light: Sequence[str]) -> str:
+    """Return what saccades and the jolt do, by the oils that were shaken."""
+    thin, thick = light[0], light[-1]
+    stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
+    shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
+    jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in light) for movement in (JOLT, SACCADES))
+    return (f"A saccade drags at the retina with {min(stress):.1f} to {max(stress):.1f} Pa in the mean, whichever the "
+            f"oil, and moves the interface by {shift[0]:.1f} mm with {oil_words(thin)} and {shift[1]:.1f} mm with "
+            f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
+            "a saccade.")
+
+
 def anchors(movements: Movements) -> list[str]:
     """Return what was published, and what is found here."""
-    thin, thick = movements.oils[0], [oil for oil in movements.oils if not oil.startswith("heavy")][-1]
+    turned = movements.light(SACCADES, STRESS)
+    if not turned:
+        return []
+    thin, thick = turned[0], turned[-1]
     stress = {oil: movements.number(oil, SACCADES, STRESS)[0] for oil in (thin, thick)}
-    high = max(movements.number(oil, SACCADES, HIGH_STRESS)[0] for oil in movements.oils)
+    high = max(movements.number(oil, SACCADES, HIGH_STRESS)[0] for oil in turned)
     return [
         f"The stress on the retina grows with the viscosity up to a limit (Isakova et al. 2014, theory), and is higher "
         f"with 5000 than with 1000 mPa s (Rossi et al. 2021, computed by others). Here {oil_words(thick)} has "
@@ -214,8 +231,7 @@ def _assumed(movements: Movements) -> list[str]:
             "proportion to the angular acceleration.",
             "The jolt moves the head forth without turning it. Sitting up turns gravity only; the head's own "
             "acceleration is small beside it.",
-            "Viscosities are those of suppliers at 25 degrees; in the eye the oil is thinner by a few percent per "
-            "degree or less.",
+            "Viscosities are those of suppliers at 25 degrees; in the eye, which is warmer, oil is thinner.",
             "An average eye: retina attached and smooth, no buckle. Retina: up to 115 degrees from the posterior pole."]
 
 

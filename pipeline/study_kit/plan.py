@@ -62,6 +62,10 @@ class Case:
             return []
         return [cached_scene(self.family.solves(self.parameters), self.accuracy)]
 
+    def files(self) -> list[str]:
+        """Files beside those of scenes that the case reads."""
+        return self.family.files(self.parameters) if hasattr(self.family, "files") else []
+
     @property
     def reads(self) -> tuple[str, ...]:
         """Stages of those scenes, beside their metrics, whose results the case reads, or names of single files."""

@@ -94,7 +94,7 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
           outcomes: Sequence[Outcome]) -> QuestionPage:
     shed, gathered = tables["shed"], tables["gathered"]
     base = by(shed, BASE)[0]
-    rows = [(setting_words(row), row["contact line [mm]"], times(row, base), weeks(row))
+    rows = [(setting_words(row), f"{float(row['contact line [mm]']):.0f}", times(row, base), weeks(row))
             for factor in (OIL, TENSION, MOVEMENT, FILL, POSTURE) for row in by(shed, factor)]
     places = [(row["posture"].replace("_", " "), *(f"{float(row[name]):.0f}" for name in (
         "before the equator", "retina behind the equator", "superior half", "inferior half")),
@@ -116,18 +116,19 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
         "the law itself: none was published; it has the factors that are known. Against patients, and against an "
         "experiment in an eye. Droplets that merge, that saccades stir, or that leave into the anterior chamber, where "
         "surgeons see them first, are not seen.",
+        marked=[number for number, row in enumerate(rows) if row[2] == "1.00"],
         more=[page.section("Where droplets gather"),
               page.table(("patient", "before the equator / %", "behind it / %", "superior / %", "inferior / %",
                           "where"), places, words=[5]),
-              page.paragraph("A droplet of 1.5 micrometers rises by 5 mm in a day, one of 10 micrometers by 10 mm in an "
-                             "hour: where small droplets are follows from the postures of days, not of minutes.")])
+              page.paragraph("A droplet of 1.5 micrometers rises by 5 mm in a day, one of 10 micrometers by 10 mm in "
+                             "an hour: where small droplets are follows from the postures of days, not of minutes.")])
 
 
 def _assumed() -> list[str]:
-    return ["A saccade tears a thread of droplets off the oil where oil, aqueous and wall meet. Its cross-section is in "
-            "proportion to the shear rate and to one over tension and viscosity. Elsewhere saccades only bend "
+    return ["A saccade tears a thread of droplets off the oil where oil, aqueous and wall meet. Its cross-section is "
+            "in proportion to the shear rate and to one over tension and viscosity. Elsewhere saccades only bend "
             "the interface (Wang et al. 2021, 2022).",
-            "Droplets of 1.5 micrometers, two saccades in a second day and night, horizontal ones. Their size and speed "
+            "Droplets of 1.5 micrometers, two saccades in a second day and night, horizontal ones. Size and speed "
             "follow the main sequence: larger ones are faster but last longer, so the shear rate hardly grows.",
             "Fewer droplets with more viscous oil are known from experiments (Crisp et al. 1987), in proportion to one "
             "over the viscosity is assumed. Proteins act through the tension alone.",
@@ -137,15 +138,17 @@ def _assumed() -> list[str]:
 def validated(shed: Rows, outcomes: Sequence[Outcome]) -> list[str]:
     """Return how far shapes and law were checked."""
     base = by(shed, BASE)[0]
-    items = [page.joined("The contact line is that of the shape with least energy, in a sphere within 1 degree of the "
-                         "exact arc:", link_to("methods/equilibrium.md")),
-             page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
-                         f"ppm after {MONTHS} weeks; here it gives {MONTHS * float(base[RATE]):.1f} ppm, since "
-                         "particles count the line longer where oil meets the wall at a small angle:",
-                         link_to("results/mixing.md"))]
+    items: list[str] = [
+        page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 degrees "
+                    "off the exact one with the directions taken here (1 degree with more):",
+                    link_to("methods/equilibrium.md")),
+        page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
+                    f"ppm after {MONTHS} weeks; here it gives {MONTHS * float(base[RATE]):.1f} ppm, since particles "
+                    "count the line longer where oil meets the wall at a small angle:",
+                    link_to("results/mixing.md"))]
     lines = [row for outcome in outcomes for row in outcome.rows if row.quantity == LINE_BY_PARTICLES]
-    items += [f"The contact line of the same shape measured on particles of 1 mm is {1e3 * row.value:.0f} mm long, here "
-              f"{1e3 * (row.reference or 0.0):.0f} mm." for row in lines]
+    items += [f"The contact line of the same shape measured on particles ({row.at.strip('[]')}) is "
+              f"{1e3 * row.value:.0f} mm long, here {1e3 * (row.reference or 0.0):.0f} mm." for row in lines]
     return items
 
 

@@ -53,7 +53,8 @@ class Studies:
 
         They are those of the study's own accuracy level.
         """
-        files, asked = [], self._case(name, level, case)
+        asked = self._case(name, level, case)
+        files = asked.files()
         for scene, folder in asked.folders().items():
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
             files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]

@@ -66,7 +66,7 @@ class GravityParameters:
         (), file="head_orientation",
         meaning="in place of posture and turns a CSV file of the orientation of the head, or its lines: time in s and "
                 "direction of gravity in the head (x to the patient's left, y superior, z anterior)")
-    second_means: float = parameter(1.0, unit="s", exclusive_minimum=0.0,
+    second_means: float = parameter(1.0, unit="s", minimum=1e-3, maximum=1e8,
                                     meaning="time of turns and orientation that passes in a simulated second")
     jolts: tuple[Jolt, ...] = parameter((), meaning="jolts of the head")
 
@@ -272,18 +272,31 @@ class Gravity(Effect):
                 yield Advice(WARNING, cls.name, f"{what} is not reached: it starts at {shown(start, 's')}, but the "
                                                 f"scene ends at {shown(scales.duration, 's')}")
         if parameters.second_means != 1.0:
-            times_of_rest = [one.value for one in cls.time_scales(parameters, scales) if one.name != "turn"]
-            settles = max(times_of_rest, default=0.0)
-            yield Advice(NOTE, cls.name,
-                         f"a time-lapse: {long_time(parameters.second_means)} of the turns pass in a simulated "
-                         f"second, but the liquids settle in their own time, about {shown(settles, 's')}, which looks "
-                         f"like {long_time(settles * parameters.second_means)} after every turn; what is seen "
-                         "at the end of a posture is assumed to be what a patient has after a moment in it")
+            settles = cls._settling_time(parameters, scales)
+            held = [end - begin for begin, end, *_ in parameters.course.held(scales.duration)]
+            brief = sum(time < settles for time in held)
+            yield Advice(WARNING if brief else NOTE, cls.name,
+                         f"a time-lapse: {long_time(parameters.second_means)} of the turns pass in a simulated second, "
+                         f"but the liquids settle in their own time, about {shown(settles, 's')} after a turn, which "
+                         f"looks like {long_time(settles * parameters.second_means)}; "
+                         + (f"{brief} of {len(held)} postures are held for less, and do not come to rest (a patient "
+                            "who holds one for a minute does)" if brief else
+                            "a posture that is held for longer ends as a patient has it after a minute"))
         buoyancy, inertia = scales.buoyancy(scales.gravity), cls.omitted_acceleration(parameters, scales)
         if buoyancy and inertia > INERTIA_OF_TURN * buoyancy:
             yield Advice(NOTE, cls.name, "the inertial forces of a turn are left out: the wall accelerates by up to "
                                          f"{shown(inertia, 'm/s2')}, {inertia / buoyancy:.2g} times the buoyancy "
                                          f"(small below {INERTIA_OF_TURN:g})")
+
+    @classmethod
+    def _settling_time(cls, parameters, scales) -> float:
+        """Time that a drop of half the length of the cavity takes through it, in the stiffest liquid, s.
+
+        At the speed of a drop in a far stiffer liquid, drho g a^2 / (3 mu) with a = L/2, over two lengths.
+        """
+        weight = scales.density_difference * parameters.magnitude * scales.length
+        viscous = 24.0 * scales.stiffest.dynamic_viscosity / weight if weight else 0.0
+        return max(viscous, math.sqrt(scales.length / scales.buoyancy(parameters.magnitude)) if weight else 0.0)
 
     @classmethod
     def speeds(cls, parameters, scales):

@@ -1,7 +1,10 @@
 """The benchmarks themselves are run by hand; what is written about them has to be what they have measured."""
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -23,3 +26,9 @@ def test_the_page_of_the_benchmarks_is_that_of_their_tables(tmp_path):
     stale = check(tmp_path)
     assert stale.returncode == 1
     assert "older than its tables" in stale.stderr
+
+
+def test_the_page_on_scale_is_that_of_the_measured_sizes():
+    scale = runpy.run_path(str(ROOT / "benchmarks" / "scale.py"))
+    assert f"{scale['BEGIN']}{scale['tables']()}{scale['END']}" in scale["PAGE"].read_text()
+    assert 4.0 / scale["step_limit"](4e-4) == pytest.approx(3320, rel=0.01)  # steps of tamponade at standard

@@ -67,8 +67,8 @@ UNITS = ("", "m", "mm", "um", "nm", "km", "s", "ms", "h", "days", "Pa s", "mPa s
          "degC", "K", "banana", "m m m", "°", "µm", "%%", "m/", "/m", "m//m", "1/1", "m.m", "m)(", "**", "m**2**2", "e",
          "inf", "nan")
 WORDS = ("yes", "no", "on", "off", "null", "~", "true", "False", "", " ", "tiny", "tamponade", "still_eye", "aqueous",
-         "silicone_oil_1000", "draft", "../../../etc/passwd", "/etc/passwd", "/dev/zero", "eye.stl", "..", ".", "a/b",
-         "2024-01-01", "12:30:45", "=", "<<", "!!python/object/apply:os.system", "*a", "&a", SCRIPT,
+         "silicone_oil_1000", "draft", "../../../etc/passwd", "/etc/passwd", "/dev/zero", "eye.stl", "head.csv",
+         "..", ".", "a/b", "2024-01-01", "12:30:45", "=", "<<", "!!python/object/apply:os.system", "*a", "&a", SCRIPT,
          f"</title>{SCRIPT}", "$x_{", "a $ b " * 30, "$\\frac{", "{{ 7 * 7 }}", "{0.__class__}",
          "__import__('os').system('touch hacked')", "$(touch hacked)", "`touch hacked`", "%s%n", "'; touch hacked; '",
          '"', "'", "\\", "@scene@", "@folder@", "two\nlines", "tab\there", "a\rb", "\u2028", "\ud800", "\udfff", "\x00",
@@ -336,6 +336,7 @@ def run(examples: int, number: int | None = None) -> collections.Counter:
     with tempfile.TemporaryDirectory() as place:
         project = Path(place) / "project"
         shutil.copytree(ROOT / "config", project / "config")
+        (project / "config" / "scenes" / "head.csv").write_text("time [s],pitch [deg],roll [deg]\n0,0,0\n1,30,0\n")
         scene_file, study_file = (project / "config" / kind / "case.yaml" for kind in ("scenes", "studies"))
         resolved_file = project / "scene.json"
         readers = {"scene": (scene_file, lambda: load_scene(scene_file, "draft")),

@@ -109,15 +109,16 @@ def test_keys_cannot_break_a_message(key, write):
 
 @pytest.mark.parametrize(("key", "value"), [
     ("second_means", "1e308 h"), ("duration", f'"1{" " * 30000}x{" " * 30000}y"'), ("frame_interval", "1e-320"),
-    ("duration", ".inf")])
+    ("duration", ".inf"), ("second_means", "1e31 s"), ("second_means", "1e-31 s")])
 def test_numbers_without_end_are_refused(key, value, write):
     assert f"output.{key} " in errors_of(write(f"extends: tiny\noutput: {{{key}: {value}}}"))[0]
 
 
-@pytest.mark.parametrize("corners", ["lower: [0, 0], upper: [1e308, 1e308]", "lower: [-1e308, 0], upper: [1e308, 0]",
-                                     "lower: [1e308, 1e308], upper: [-1e308, -1e308]"])
+@pytest.mark.parametrize("corners", [
+    "lower: [], upper: []", "lower: [0, 0], upper: [1e29, 1e29]", "lower: [-1e29, 0], upper: [1e29, 0]",
+    "lower: [0, 0], upper: [1e308, 1e308]", "lower: [1e29, 1e29], upper: [-1e29, -1e29]"])
 def test_endless_blocks_are_sentences(corners, write):
-    assert "outside the container" in errors_of(write(f"{BOX}blocks: [{{liquid: aqueous, {corners}}}]\n"))[0]
+    assert "blocks[0]." in errors_of(write(f"{BOX}blocks: [{{liquid: aqueous, {corners}}}]\n"))[0]
 
 
 def test_many_errors_are_counted(write):
@@ -161,6 +162,19 @@ def test_too_fine_a_mesh_eye_is_refused_before_it_is_read(spacing, write, monkey
     assert "for the 8 GiB of this computer" in errors_of(path)[0]
 
 
+@pytest.mark.parametrize(("method", "fits"), [("flying_edges", 0.34), ("sharp", 0.14)])
+def test_surfaces_that_do_not_fit_into_memory_are_refused(method, fits, write, monkeypatch):
+    from pipeline.scenes import memory_check
+
+    monkeypatch.setattr(memory_check, "memory_of_computer", lambda: 1e9)
+    text = "extends: tiny\nnumerics: {particle_spacing: 0.3 mm}\noutput: {contour: METHOD, cell_ratio: RATIO}\n"
+    text = text.replace("METHOD", method)
+    message, = errors_of(write(text.replace("RATIO", "0.1")))
+    assert "output.cell_ratio is 0.1, which makes 3.6e+08 cells that need " in message
+    assert f"must be at least {fits} " in message
+    load_scene(write(text.replace("RATIO", f"{fits}")), "draft")
+
+
 def test_scenes_that_start_from_each_other_are_read_once_each(write):
     for number in range(25):
         path = write(f"extends: tiny\n{f'start_from: s{number - 1}' if number else ''}\n", f"s{number}")
@@ -202,6 +216,15 @@ def test_no_mesh_outside_of_the_project(place, write, tmp_path):
     name = place.format(absolute=tmp_path / "eye.stl")
     message, = errors_of(write(f"extends: tiny\neye: {{model: mesh, path: {name}}}\n"))
     assert f"outside of the project ({tmp_path / 'project'})" in message and "ln -s" in message
+
+
+def test_no_table_outside_of_the_project(write, tmp_path):
+    (tmp_path / "head.csv").write_text("time [s],pitch [deg],roll [deg]\n0,0,0\n1,0,0\n")
+    text = "extends: tiny\neffects: {gravity: {turns: null, posture: null, orientation: PLACE}}\n"
+    assert "outside of the project" in errors_of(write(text.replace("PLACE", "../../../head.csv")))[0]
+    path = write(text.replace("PLACE", "head.csv"))
+    os.symlink(tmp_path / "head.csv", path.with_name("head.csv"))
+    assert len(load_scene(path, "draft").effects["gravity"].orientation) == 2
 
 
 @pytest.mark.parametrize("place", ["eye.stl", "../meshes/eye.stl", "../../eye.stl", "linked/eye.stl"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from pipeline.advice.report import report_of
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.scenes.value_files import head_orientation
@@ -141,6 +142,7 @@ def test_a_scene_reads_the_file_and_keeps_its_lines(folder):
 
 @pytest.mark.parametrize(("text", "sentence"), [
     ("effects: {gravity: {orientation: nowhere.csv}}", "orientation is \"nowhere.csv\", but there is no such file"),
+    ("effects: {gravity: {orientation: ../../../head.csv}}", "lies outside of the project"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0], [1, 0, -2, 0]]}}", "of length 2, but it must be 1"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0], [0, 0, -1, 0]]}}", "must be later than the line before"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0]], turns: [{start: 1 s, to: prone}]}}", "together with turns"),
@@ -182,6 +184,16 @@ def test_places_are_parts_of_an_eye_in_space(folder):
 def test_the_day_of_the_scenes_turns_within_its_hours():
     scene = load_scene(ROOT / "config" / "scenes" / "day_of_postures.yaml", "draft")
     held = scene.effects["gravity"].course.held(scene.output.duration)
-    assert [words for *_, words in held][:2] == ["supine", "supine, turned 90 deg to the right"]
+    assert [words for *_, words in held] == ["supine, head up 30 deg", "upright", "prone"]
     assert all(after[0] > before[1] for before, after in itertools.pairwise(held))
     assert held[-1][1] * scene.output.second_means == pytest.approx(24 * 3600.0)
+
+
+@pytest.mark.parametrize(("hours", "expected"), [(8.0, "ends as a patient has it"), (1.0, "do not come to rest")])
+def test_a_time_lapse_tells_whether_postures_come_to_rest(folder, hours, expected):
+    turns = ", ".join(f"{{start: {count * hours} h, to: {to}, duration: 1 min}}"
+                      for count, to in ((1, "upright"), (2, "prone")))
+    scene = load(folder, f"effects: {{gravity: {{second_means: 1 h, posture: supine, turns: [{turns}]}}}}\n"
+                         f"output: {{duration: {3 * hours} s, second_means: 1 h}}")
+    sentences = [one.sentence for one in report_of(scene, 5.06e-6).advice if one.effect == "gravity"]
+    assert any("a time-lapse" in one and expected in one for one in sentences)

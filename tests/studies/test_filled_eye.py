@@ -115,7 +115,7 @@ def test_gas_in_front_of_the_viewpoint_is_seen_from_another_one(monkeypatch):
     monkeypatch.setattr(rest, "STEPS", 40)  # those that settle need less
     gas, fills = Liquids(1003.8, 0.072, np.radians(38.8)), (0.5,)
     behind, front = cavity_of(Eye(), COARSE), cavity_of(Eye(), COARSE, from_front=True)
-    course = filled_eye._course((behind, front), gas, filled_eye.down_of("supine"), fills)
+    course = filled_eye.course_of((behind, front), gas, filled_eye.down_of("supine"), fills)
     assert course.best[0].settled and course.best[0].cavity is front
     found = dict(zip(PARTS, course.least[0], strict=True))
     assert found["macula"] == 0.0 and found["superior"] == pytest.approx(found["inferior"], abs=0.02)

@@ -1,0 +1,76 @@
+"""What is installed: one lock file for all Pythons, what it must hold, and what is said of the packages."""
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from conftest import ROOT
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from pipeline import software
+from pipeline.base.packages import Package, packages
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYTHONS = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
+ENTRY = re.compile(r"^(?P<requirement>[^\s#][^\\]*?)(?: \\\n    --hash=sha256:[0-9a-f]{64})+$", re.MULTILINE)
+
+
+def locked(python: str) -> dict[str, str]:
+    """Return name -> version of what the lock file installs on a Python under Linux."""
+    environment = default_environment() | {"python_version": python, "python_full_version": f"{python}.0"}
+    found = [Requirement(match["requirement"]) for match in ENTRY.finditer((ROOT / "requirements.txt").read_text())]
+    return {canonicalize_name(one.name): str(one.specifier).removeprefix("==") for one in found
+            if one.marker is None or one.marker.evaluate(environment)}
+
+
+def test_every_line_of_the_lock_file_is_an_exact_version_with_hashes():
+    text = (ROOT / "requirements.txt").read_text()
+    names = re.findall(r"^([A-Za-z0-9][\w.-]*)==", text, re.MULTILINE)
+    assert len(names) == len(set(names)) == len(ENTRY.findall(text)) > 50
+    left = ENTRY.sub("", text)
+    assert not [line for line in left.splitlines() if line.strip() and not line.strip().startswith("#")]
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_lock_file_holds_what_the_project_asks_for(python):
+    versions = locked(python)
+    asked = [Requirement(one) for one in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]
+    missing = [str(one) for one in asked if not one.specifier.contains(versions.get(canonicalize_name(one.name), "0"))]
+    assert missing == []
+
+
+def test_pythons_that_are_claimed_are_those_that_run_looks_for():
+    names = re.search(r"for name in (.*); do", (ROOT / "run").read_text())[1]
+    assert set(re.findall(r"python(3\.\d+)", names)) == set(PYTHONS) == {"3.11", "3.12", "3.13"}
+
+
+def test_container_and_definition_call_the_same_installation():
+    for name in ("Dockerfile", "apptainer.def", "in_debian"):
+        assert re.search(r"^\s*(RUN |inside HOME=/root )?/tmp/eye-oil/container/install /opt/eye-oil",
+                         (ROOT / "container" / name).read_text(), re.MULTILINE), name
+    for name in ("install", "in_debian"):
+        assert not subprocess.run(["bash", "-n", ROOT / "container" / name]).returncode
+
+
+def test_container_gets_what_the_wheel_is_made_of():
+    kept = re.findall(r"^!(.+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE)
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert {name.strip("/") for name in wheel["include"]} | set(wheel["force-include"]) <= set(kept)
+    assert all((ROOT / name).exists() for name in kept)
+
+
+def test_packages_are_told_with_version_and_license(capsys):
+    software.main([])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "name,version,license" and len(lines) == 1 + len(packages())
+    found = {one.name: one for one in packages()}
+    assert found["numpy"].version == locked(f"3.{sys.version_info.minor}")["numpy"]
+    assert "BSD" in found["numpy"].license and found["pyvista"].license == "MIT"
+
+
+def test_page_of_the_packages_escapes_them():
+    page = software.page_of([Package("<b>", "1", "MIT"), Package("c", "2", "MIT")])
+    assert "&lt;b&gt;" in page and "<b>" not in page and "2 packages" in page
