@@ -15,7 +15,7 @@ from pipeline.base.files import replacing
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.threads import checked_threads
-from pipeline.base.vtk_files import text_of
+from pipeline.base.vtk_files import read_vtk, text_of
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface, surface_path
 
@@ -149,8 +149,6 @@ def main(arguments: list[str] | None = None) -> None:
         raise UserError(f"{options.eye}: no such file; run the eye stage first")
     threads = checked_threads(options.threads, "--threads")
 
-    import pyvista
-
     from pipeline.scenes.load import load_resolved
     from sim.runtime import initialize
 
@@ -158,7 +156,7 @@ def main(arguments: list[str] | None = None) -> None:
     oils = clear_oils(scene)
     name, frame = frame_at(options.frames, options.time)
     initialize("f32", threads)
-    picture = draw(pyvista.read(options.eye), [read_surface(surface_path(options.surfaces, name, oil)) for oil in oils],
+    picture = draw(read_vtk(options.eye), [read_surface(surface_path(options.surfaces, name, oil)) for oil in oils],
                    frame.gravity, options.size, options.samples, f"{scene.name}: still")
     with replacing(options.output) as partial:
         picture.save(partial, format="PNG")

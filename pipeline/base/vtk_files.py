@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyvista
 
 from pipeline.base.checksum import append_checksum, check
 
@@ -25,6 +24,7 @@ def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
     ------
     OSError : disk full, or the folder is not writable.
     """
+    import pyvista
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
     writers = {pyvista.PolyData: vtkXMLPolyDataWriter, pyvista.UnstructuredGrid: vtkXMLUnstructuredGridWriter,
@@ -53,6 +53,8 @@ def read_vtk(path: str | Path):
     DamagedFile : the checksum of the file does not fit.
     """
     check(path)
+    import pyvista
+
     return pyvista.read(path)
 
 

@@ -1,16 +1,15 @@
 """Signed distance to the wall of the cavity on a uniform grid: negative inside, exact in a band along the wall."""
 import dataclasses
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyvista
-import trimesh
 from numpy.typing import ArrayLike
-from scipy.ndimage import distance_transform_edt, map_coordinates
-from scipy.spatial import cKDTree
-from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
 
 from pipeline.base.threads import library_threads
+
+if TYPE_CHECKING:
+    import trimesh
 
 CANDIDATES = 4          # triangles tried per node, nearest centers first: right to 0.005 spacings (6: 0.001)
 CHUNK = 200_000         # nodes per batch, keeps the arrays of the batch near 100 MB
@@ -34,6 +33,8 @@ class SignedDistance:
 
     def sample(self, points: np.ndarray) -> np.ndarray:
         """Interpolate linearly at points (n, D) in m; returns (n,) in m. Outside the grid the border value holds."""
+        from scipy.ndimage import map_coordinates
+
         coordinates = (np.asarray(points, float) - self.origin).T / self.cell
         return map_coordinates(self.values, coordinates, order=1, mode="nearest")
 
@@ -80,7 +81,7 @@ def distance_of_function(
     return SignedDistance(function(node_positions(origin, counts, cell)), origin, cell)
 
 
-def distance_of_mesh(mesh: trimesh.Trimesh, cell: float, margin: float) -> SignedDistance:
+def distance_of_mesh(mesh: "trimesh.Trimesh", cell: float, margin: float) -> SignedDistance:
     """Signed distance to a closed triangle mesh.
 
     Parameters
@@ -95,9 +96,11 @@ def distance_of_mesh(mesh: trimesh.Trimesh, cell: float, margin: float) -> Signe
     return distance_at_nodes(mesh, origin, counts, cell, margin)
 
 
-def distance_at_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndarray, cell: float,
+def distance_at_nodes(mesh: "trimesh.Trimesh", origin: np.ndarray, counts: np.ndarray, cell: float,
                       band_width: float) -> SignedDistance:
     """Signed distance to a closed triangle mesh at the nodes of a given grid, exact in a band on both sides."""
+    from scipy.ndimage import distance_transform_edt
+
     inside = inner_nodes(mesh, origin, counts, cell)
     depth = np.where(inside, -distance_transform_edt(inside), distance_transform_edt(~inside))
     values = cell * (depth - 0.5 * np.sign(depth))      # the surface lies between an inner and an outer node
@@ -108,8 +111,11 @@ def distance_at_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndar
     return SignedDistance(values, origin, cell)
 
 
-def inner_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndarray, cell: float) -> np.ndarray:
+def inner_nodes(mesh: "trimesh.Trimesh", origin: np.ndarray, counts: np.ndarray, cell: float) -> np.ndarray:
     """Mask (nx, ny, nz) of the grid nodes inside a closed mesh, by scan lines: blind to the direction of triangles."""
+    import pyvista
+    from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
+
     grid = pyvista.ImageData(dimensions=counts, spacing=[cell] * 3, origin=origin)
     surface = pyvista.make_tri_mesh(mesh.vertices, mesh.faces)
     stencil = vtkPolyDataToImageStencil()
@@ -127,12 +133,15 @@ def inner_nodes(mesh: trimesh.Trimesh, origin: np.ndarray, counts: np.ndarray, c
     return np.asarray(scalars).reshape(counts, order="F").astype(bool)
 
 
-def distance_to_triangles(mesh: trimesh.Trimesh, points: np.ndarray, longest_edge: float) -> np.ndarray:
+def distance_to_triangles(mesh: "trimesh.Trimesh", points: np.ndarray, longest_edge: float) -> np.ndarray:
     """Unsigned distance (n,) in m from points (n, 3) to the surface of a mesh.
 
     The triangles are cut until no edge exceeds ``longest_edge`` (the surface stays the same); the distance is the
     smallest of the exact distances to the ``CANDIDATES`` triangles whose centers are nearest.
     """
+    import trimesh
+    from scipy.spatial import cKDTree
+
     vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, longest_edge, max_iter=20)
     corners = vertices[faces]
     tree = cKDTree(corners.mean(axis=1))

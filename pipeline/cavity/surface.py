@@ -1,22 +1,23 @@
 """The closed surface of the cavity, made or imported, and its file."""
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyvista
-import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
 from pipeline.cavity.landmarks import laid
-from pipeline.cavity.mesh_import import import_mesh
 from pipeline.cavity.regions import region_names, regions_of
 from pipeline.scenes.eye_shape import eye_mesh, imaged_volume, published_volume, shape_of
 from pipeline.scenes.model import Container, Eye, Scene
 
+if TYPE_CHECKING:
+    import trimesh
 
-def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
+
+def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
     """Surface of the cavity in m, and what the report says about its origin.
 
     Raises
@@ -37,6 +38,8 @@ def cavity_mesh(eye: Eye) -> tuple[trimesh.Trimesh, dict]:
         }
     if not eye.path:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
+    from pipeline.cavity.mesh_import import import_mesh
+
     imported = import_mesh(eye.path, eye.unit, eye.force)
     mesh, lies = laid(imported.mesh, eye.landmarks, eye.side, eye.path)
     return mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
@@ -61,6 +64,9 @@ def volume_in_words(report: dict) -> str:
 
 def write_container(container: Container, path: Path) -> dict:
     """Write the surface of a container in m, in two dimensions its outline, and return the report, in SI units."""
+    import pyvista
+    import trimesh
+
     size = np.array(container.size)
     if len(size) == 3:
         mesh = trimesh.creation.box(bounds=(np.zeros(3), size))
@@ -72,7 +78,7 @@ def write_container(container: Container, path: Path) -> dict:
     return {"model": "container", "size": size.tolist(), "area": float(size.prod()), "length": float(2 * size.sum())}
 
 
-def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
+def report_of(mesh: "trimesh.Trimesh", source: dict) -> dict:
     """Report of the stage: origin, size and quality of the surface, in SI units."""
     return source | {
         "volume": float(mesh.volume), "area": float(mesh.area), "triangles": len(mesh.faces),
@@ -80,12 +86,14 @@ def report_of(mesh: trimesh.Trimesh, source: dict) -> dict:
     }
 
 
-def write_mesh(mesh: trimesh.Trimesh, path: str | Path, eye: Eye | None = None) -> None:
+def write_mesh(mesh: "trimesh.Trimesh", path: str | Path, eye: Eye | None = None) -> None:
     """Write a surface in m as VTK polydata with double precision.
 
     That of an eye has a whole number per triangle, ``region``, and in the field data their names, ``regions``, of
     which the first is that of 0.
     """
+    import pyvista
+
     surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if eye is not None:
         shape = shape_of(eye) if eye.model == "parametric" else None
@@ -96,13 +104,15 @@ def write_mesh(mesh: trimesh.Trimesh, path: str | Path, eye: Eye | None = None) 
         write_vtk(surface, temporary)
 
 
-def read_mesh(path: str | Path) -> trimesh.Trimesh:
+def read_mesh(path: str | Path) -> "trimesh.Trimesh":
     """Read a surface that ``write_mesh`` wrote.
 
     Raises
     ------
     UserError : the file is missing or is no closed surface.
     """
+    import trimesh
+
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file, the eye stage (python -m pipeline.eye) writes it")
@@ -111,8 +121,6 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     if not mesh.is_watertight:
         raise UserError(f"{path}: is no closed surface, the eye stage (python -m pipeline.eye) writes one")
     return mesh
-
-
 
 
 def cavity_volume(scene: Scene) -> float:
@@ -124,6 +132,4 @@ def cavity_volume(scene: Scene) -> float:
     """
     if scene.container is not None:
         return math.prod(scene.container.size)
-    from pipeline.cavity.surface import cavity_mesh  # slow to import, and only an eye needs it
-
     return float(cavity_mesh(scene.eye)[0].volume)

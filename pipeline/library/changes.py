@@ -1,6 +1,7 @@
 """Changes of a scene, as arguments of a function give them, become a scene file that extends it."""
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import yaml
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.scenes.checks import NAME
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import SCENE_KEYS
 from pipeline.scenes.reader import nearest
@@ -30,6 +32,9 @@ def changed_scene(folder: Path, scene: str, changes: Mapping[str, Any], accuracy
     ------
     UserError : the scene has errors; one sentence for each, and no file is written.
     """
+    for one in (scene, name or scene):
+        if not re.fullmatch(NAME, one):
+            raise UserError(f'"{one}" cannot name a scene, use letters, digits, "_" and "-"')
     if not changes and name is None:
         load_scene(folder / f"{scene}.yaml", accuracy)
         return scene

@@ -53,19 +53,20 @@ class InterfaceShift:
     ----------
     distance : signed distance to the wall.
     spacing, support_radius : of the particles, m.
-    before : positions (n, 3), volumes (n,) and fractions of oil (n,) of the particles.
+    position, volume, fraction : of the particles before, (n, 3) m, (n,) m3 and (n,), the fraction of oil.
     """
 
-    def __init__(self, distance: SignedDistance, spacing: float, support_radius: float, *before: np.ndarray):
+    def __init__(self, distance: SignedDistance, spacing: float, support_radius: float, position: np.ndarray,
+                 volume: np.ndarray, fraction: np.ndarray):
         self.spacing, self.support_radius = spacing, support_radius
-        low, high = before[0].min(axis=0), before[0].max(axis=0)
+        low, high = position.min(axis=0), position.max(axis=0)
         axes = [np.arange(a, b, APART * spacing) for a, b in zip(low, high, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self.points = points[distance.sample(points) < -OFF_WALL * spacing]
-        self.before = self._away(np.ones(len(self.points), bool), *before)
+        self.before = self._away(self.points, position, volume, fraction)
 
-    def _away(self, chosen: np.ndarray, *particles: np.ndarray) -> np.ndarray:
-        return distance_of(smoothed_at(self.points[chosen], *particles, self.support_radius), self.support_radius)
+    def _away(self, points: np.ndarray, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+        return distance_of(smoothed_at(points, position, volume, fraction, self.support_radius), self.support_radius)
 
     def of(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> np.ndarray:
         """Distances, m, by which the interface has moved at the points that are on it now: positive into the oil.
@@ -75,6 +76,6 @@ class InterfaceShift:
         near = np.ones(len(self.points), bool)
         for side in (fraction > 0.5, fraction <= 0.5):
             near &= cKDTree(position[side]).query(self.points, distance_upper_bound=self.support_radius)[0] < np.inf
-        away = self._away(near, position, volume, fraction)
+        away = self._away(self.points[near], position, volume, fraction)
         on_it = np.abs(away) < NEAR * self.spacing
         return self.before[near][on_it] - away[on_it]

@@ -63,6 +63,9 @@ class Plan:
     def __str__(self) -> str:
         return self.text()
 
+    def __repr__(self) -> str:
+        return f"<{' '.join(verdict(self.question, self.answers))}>"
+
     def _repr_html_(self) -> str:
         first, *others = verdict(self.question, self.answers)
         marked = [index for index, answer in enumerate(self.answers) if not answer.covers(self.question.largest_fill)]

@@ -199,9 +199,9 @@ def fixed_time_step_is_stable(numerics: Numerics, liquids: tuple[Material, ...],
                                           f"{limit:.3g} s because of {reason}")
 
 
-def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
-                              dimension: int, eye: Eye | None, container: Container | None,
-                              blocks: tuple[Block, ...]) -> Found:
+def scene_fits_into_memory(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict,
+                           dimension: int, eye: Eye | None, container: Container | None, blocks: tuple[Block, ...],
+                           output: Output) -> Found:
     if not liquids or (container is None and eye is None):
         return
     if container is None:
@@ -217,16 +217,11 @@ def particles_fit_into_memory(numerics: Numerics, liquids: tuple[Material, ...],
     reason = too_large(settings, volume if box is None or volume < box else box, box)
     if reason:
         yield ("numerics", "particle_spacing"), reason
-
-
-def surfaces_fit_into_memory(output: Output, numerics: Numerics, dimension: int, eye: Eye | None,
-                             container: Container | None) -> Found:
-    if dimension == 2 or (container is None and (eye is None or eye.model != "parametric")):
-        return
-    box = math.prod(container.size) if container else EYE_IN_BOX * published_volume(eye.axial_length)
-    reason = too_fine(output.cell_ratio, output.contour, box / numerics.particle_spacing**3)
-    if reason:
-        yield ("output", "cell_ratio"), reason
+    elif dimension == 3:
+        around = EYE_IN_BOX * volume if box is None else box
+        reason = too_fine(output.cell_ratio, output.contour, around / numerics.particle_spacing**3)
+        if reason:
+            yield ("output", "cell_ratio"), reason
 
 
 def cost_is_allowed(numerics: Numerics, liquids: tuple[Material, ...], effects: dict, schemes: dict, dimension: int,
@@ -266,6 +261,5 @@ CHECKS = (
     blocks_have_room_for_particles, blocks_do_not_overlap,
     lines_have_no_triangles, points_are_in_the_container, scheme_can_fill_the_cavity,
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
-    fixed_time_step_is_stable, fixed_time_step_is_large_enough, particles_fit_into_memory,
-    surfaces_fit_into_memory, cost_is_allowed,
+    fixed_time_step_is_stable, fixed_time_step_is_large_enough, scene_fits_into_memory, cost_is_allowed,
 )

@@ -68,7 +68,8 @@ def is_kinematic_viscosity(value: object) -> bool:
 def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
-        raise ValueError(f'"{printable(str(value))}" with the unknown unit "{printable(text)}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}" with the unknown unit "{printable(text)}", '
+                         f"but must be {_wanted(unit)}")
     target = _parse_unit(unit)
     if source.dimensionality != target.dimensionality or _is_angle(source) != _is_angle(target):
         raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')

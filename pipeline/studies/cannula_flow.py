@@ -5,7 +5,8 @@ A liquid of viscosity mu that creeps through a tube of radius r and length L, ou
     dp = mu Q/r^3 (8 L/(pi r) + 3)    (J6)
 
 on the way: in the tube by Hagen and Poiseuille [lamb1932, section 331], and at its ends as much as in an orifice
-[dagan1982]. Oil of 1 Pa s creeps: the Reynolds number that is told stays far below 1. Equations: docs/methods/injection.md.
+[dagan1982]. Oil of 1 Pa s creeps: the Reynolds number that is told stays far below 1. Equations:
+docs/methods/injection.md.
 """
 import dataclasses
 import math

@@ -165,7 +165,7 @@ def _shaken(case: Parameters, eye: RestingEye) -> Outcome:
 def _read(solver, start: float, lasts: float, watch: "Watch") -> list[tuple[float, ...]]:
     """Times and readings of a movement and a little after."""
     ends = start + np.arange(1, round(READINGS * (lasts + AFTER) / lasts) + 1) * lasts / READINGS
-    found = []
+    found: list[tuple[float, ...]] = []
     with progress(len(ends), f"from {start:.3g} s on") as bar:
         for end in ends:
             for _ in solver.advance(float(end)):

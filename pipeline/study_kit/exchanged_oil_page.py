@@ -17,6 +17,8 @@ from pipeline.study_kit.surgeons_words import LARGEST, LEFT, LOST_AT, PIECES
 
 PICTURES, TABLES = ("exchange",), ("cannulas", "exchanges", "courses")
 PUBLISHED = "published"
+VOLUME, SECTION, TENSION = 4.29e-6, 3.57e-4, 0.04   # m3 moved, m2 of a sphere of the cavity's volume, N/m
+REACH = 2.0     # mm, within which a tip drains
 Rows = Sequence[dict[str, str]]
 
 
@@ -54,12 +56,20 @@ def ends(exchanges: Rows, exchange: str) -> list[tuple[str, dict[str, str], floa
 
 
 def left_words(runs: Sequence[tuple[str, dict[str, str], float]]) -> str:
-    """Return what is left in the runs of one exchange and tip."""
-    values = [float(numbers[LEFT]) for _, numbers, _ in runs]
-    lost = all(numbers[LOST_AT] for _, numbers, _ in runs)
-    low, high = f"{min(values):.0f}", f"{max(values):.0f}"
-    span = f"{low} %" if low == high else f"{low} to {high} %"
-    return span if lost else f"less than {span}"
+    """Return what is left with the slowest flow of one exchange and tip, and what a faster one says beside."""
+    slow, *faster = sorted(runs, key=lambda run: run[2])
+
+    def words(numbers: dict[str, str]) -> str:
+        return f"{'' if numbers[LOST_AT] else 'less than '}{float(numbers[LEFT]):.1f} %"
+
+    return words(slow[1]) + (f" ({words(faster[0][1])} with twice the flow)" if faster else "")
+
+
+def capillary_numbers(cannulas: Rows) -> tuple[float, float]:
+    """Least and largest capillary number in the eye while oil goes through the cannulas: viscosity times flow."""
+    found = [1e-3 * float(row["viscosity [mPa s]"]) * VOLUME / (60.0 * float(row["time [min]"])) / SECTION / TENSION
+             for row in cannulas if row["oil"] != PUBLISHED]
+    return min(found), max(found)
 
 
 def headline(cannulas: Rows, exchanges: Rows) -> str:
@@ -74,8 +84,12 @@ def headline(cannulas: Rows, exchanges: Rows) -> str:
     removal = ends(exchanges, "removal")
     if removal:
         first = [run for run in removal if run[0] == removal[0][0]]
-        words.append(f"A tip that stands still ({first[0][0].replace('_', ' ')}) leaves {left_words(first)} of the "
-                     "cavity behind as oil, the same for all oils in one cannula.")
+        words.append(f"A tip that stands still ({first[0][0].replace('_', ' ')}) leaves oil behind: "
+                     f"{left_words(first)} of the cavity; surgery's flow is slower still.")
+    filling = ends(exchanges, "filling")
+    if filling:
+        words.append(f"In a filling a tip {filling[0][0].replace('_', ' ')} loses the aqueous while "
+                     f"{left_words(filling)} of the cavity are left to fill.")
     return " ".join(words)
 
 
@@ -86,20 +100,21 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
     rows = [(way_words(next(row for row in own if row["way"] == way)),
              *(minutes(next(row for row in own if row["way"] == way and row["oil"] == oil)) for oil in oils))
             for way in ways]
-    behind = [(exchange, tip.replace("_", " "), f"{capillary:.3f}", numbers[LEFT] if numbers[LOST_AT] else
-               f"< {numbers[LEFT]}", numbers[LARGEST], numbers[PIECES])
+    behind = [(exchange, tip.replace("_", " "), f"{capillary:.3f}",
+               f"{'' if numbers[LOST_AT] else '< '}{float(numbers[LEFT]):.1f}", f"{float(numbers[LARGEST]):.1f}",
+               numbers[PIECES])
               for exchange in ("removal", "filling") for tip, numbers, capillary in ends(exchanges, exchange)]
     return QuestionPage(
         headline(cannulas, exchanges), description, picture,
-        "Time against viscosity for every cannula, and what is left in the eye against what has been moved",
+        "Time against viscosity for every cannula, and distance of what is left from the tip",
         ["Left: minutes for 85 % of the cavity by viscosity; squares with bars are published times of removal. Right: "
-         "what is left of the liquid that is drained, against the volume that was moved; a cross where the run ends."],
+         "how far the liquid that is drained is from the tip; above the dashed line the tip has lost it."],
         "Minutes for 4.3 mL", ("", *map(oil_words, oils)), rows,
         ["In brackets: with an inner diameter 5 % larger and smaller, as makers differ. Infusion that refills the eye "
          "is not the limit: an infusion line of 23 gauge loses 9 to 16 mmHg at 10 mL/min (Rossi et al.). All "
          "numbers are in", page.link("cannulas.csv", "cannulas.csv"), "and",
          page.link("exchanges.csv", "exchanges.csv")],
-        _assumed(exchanges), validated(cannulas, exchanges),
+        _assumed(cannulas, exchanges), validated(cannulas, exchanges),
         "against patients, or against an experiment in an eye. What stays behind depends on where the tip is: surgeons "
         "move it and turn the eye. Films and droplets smaller than a particle, oil that sticks to a lens or to "
         "membranes, and oil before the lens are not seen.",
@@ -110,15 +125,16 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
                              "alone; their difference is what the flow leaves open.")])
 
 
-def _assumed(exchanges: Rows) -> list[str]:
-    spacing = exchanges[0]["spacing [mm]"]
+def _assumed(cannulas: Rows, exchanges: Rows) -> list[str]:
+    spacing, (least, most) = exchanges[0]["spacing [mm]"], capillary_numbers(cannulas)
     return ["Oil creeps through the cannula (Hagen and Poiseuille, with the loss at both ends); tubing and valve lose "
             "nothing. Oils flow with one viscosity at any speed: those with long chains flow more easily.",
             "Pressures are along the cannula: the infusion's 40 mmHg alone, with a suction of 600 mmHg, or a pump of "
             "5 bar. Lengths and inner diameters are in config/studies/injection_study.yaml.",
-            f"The simulation has particles of {spacing} mm, a flow hundreds of times that of surgery and oil as much "
-            "thinner, so that tension and viscosity have the same share (capillary number) as in surgery, where it is "
-            "0.001 to 0.005 whatever the oil. Tension 40 mN/m, contact angle 18.2 degrees.",
+            f"The simulation has particles of {spacing} mm, a flow ten to hundreds of times that of surgery, and oil "
+            "of 100 mPa s, so that tension outweighs viscosity as it does in surgery: the capillary number is in the "
+            f"table, in the cannulas above it is {least:.4f} to {most:.3f} whatever the oil. Tension 40 mN/m, contact "
+            "angle 18.2 degrees. So fast a flow of aqueous into a tip draws oil along, which a slower one does not.",
             "The tip drains the oil or the aqueous next to it, never both. It has lost it when none is within 2 mm."]
 
 
@@ -131,10 +147,11 @@ def validated(cannulas: Rows, exchanges: Rows) -> list[str]:
                  "and 5.9 ± 1.3 and 8.9 ± 1.7 min (Wan et al.); their oils are not stated in what was seen.")
     items.append(page.joined("The volume that has entered follows the flow to 0.1 % of the cavity at any spacing, and "
                              "no liquid is lost:", link_to("results/injection.md")))
-    removal = [float(numbers[LEFT]) for _, numbers, _ in ends(exchanges, "removal")][:2]
-    if len(removal) == 2:
-        items.append(f"Half the flow changes what a removal leaves from {removal[0]:.1f} to {removal[1]:.1f} % of the "
-                     "cavity.")
+    for exchange in ("removal", "filling"):
+        runs = ends(exchanges, exchange)
+        same = [float(numbers[LEFT]) for tip, numbers, _ in runs if tip == runs[0][0]]
+        if len(same) == 2:
+            items.append(f"Half the flow: a {exchange} leaves {same[1]:.1f} in place of {same[0]:.1f} % of the cavity.")
     return items
 
 
@@ -157,12 +174,13 @@ def _picture(cannulas: Rows, courses: Rows) -> bytes:
             runs.setdefault((row["exchange"], row["tip"], row["flow [mL/s]"]), []).append(
                 [float(row[name]) for name in ("moved [mL]", "left [% of the cavity]", "distance [mm]")])
         for (exchange, tip, flow), color in zip(runs, COLORS, strict=False):
-            moved, left, _ = np.array(runs[exchange, tip, flow]).T
-            grid[1].plot(moved, left, color=color, lw=1.8, label=f"{exchange}, {tip.replace('_', ' ')}, {flow} mL/s")
-            grid[1].plot(moved[-1], left[-1], "x", color=color, ms=9, mew=2)
+            _, left, distance = np.array(runs[exchange, tip, flow]).T
+            grid[1].plot(left, distance, color=color, lw=1.8, label=f"{exchange}, {tip.replace('_', ' ')}, {flow} mL/s")
+        grid[1].axhline(REACH, ls="--", color="black", lw=1.0)
         grid[0].set(xscale="log", yscale="log", xlabel="viscosity of the oil / mPa s", ylabel="time / min")
-        grid[1].set(xlabel="volume moved / mL", ylabel="left / % of the cavity", ylim=(0.0, None))
-        for axes, title in zip(grid, ("Time through the cannula", "What is left in the eye"), strict=True):
+        grid[1].set(xlabel="left in the eye / % of the cavity", ylabel="distance from the tip / mm", xlim=(100.0, 0.0),
+                    ylim=(0.0, None))
+        for axes, title in zip(grid, ("Time through the cannula", "When the tip loses what it drains"), strict=True):
             axes.set_title(title, loc="left", fontsize=12)
             axes.grid(alpha=0.3, which="both")
             axes.legend(frameon=False, fontsize=8)

@@ -110,7 +110,9 @@ class Movements:
     def cell(self, oil: str, movement: str, quantity: str) -> str:
         """A number as the table shows it; nothing where a movement is not over."""
         value, error = self.number(oil, movement, quantity)
-        return "–" if np.isnan(value) else f"{rounded(value, error)} ± {rounded(error, error)}"
+        if np.isnan(value):
+            return "–"
+        return f"{rounded(value, error)} ± {rounded(error, error)}" if error else f"{value:.2g}"
 
 
 def rounded(value: float, error: float) -> str:
@@ -154,8 +156,8 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
          "aqueous has made to where it rests in the patient who sits."],
         "Oil by oil", ("", *(head for *_, head in COLUMNS)), rows,
         [f"± holds the spread of repeated saccades and what particles of {finer(movements)} change with "
-         f"{oil_words(movements.reference)}; after sitting up also a fifth for long time steps (",
-         page.joined(link_to("results/step_size.md"), ")."),
+         f"{oil_words(movements.reference)}; after sitting up also a fifth for long time steps, see",
+         page.joined(link_to("results/step_size.md"), "."),
          "The stress that 1 % of the retina exceeds is found at the contact line and at the edges in front. All "
          "numbers are in", page.link("movements.csv", "movements.csv"), "and", page.link("courses.csv", "courses.csv")],
         _assumed(movements), _validated(movements),
@@ -214,8 +216,7 @@ def _assumed(movements: Movements) -> list[str]:
             "proportion to the angular acceleration.",
             "The jolt moves the head forth without turning it. Sitting up turns gravity only; the head's own "
             "acceleration is small beside it.",
-            "Viscosities are those of suppliers at 25 degrees; in the eye the oil is thinner by a few percent per "
-            "degree or less.",
+            "Viscosities are those of suppliers at 25 degrees; in the eye, which is warmer, oil is thinner.",
             "An average eye: retina attached and smooth, no buckle. Retina: up to 115 degrees from the posterior pole."]
 
 

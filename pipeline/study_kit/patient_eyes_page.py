@@ -134,11 +134,11 @@ def findings(eyes: Eyes) -> list[str]:
                      f"share: the cavity holds {short:.1f} mL in the shortest and {long:.1f} mL in the longest.")
     for group in ("lens", "wall"):
         if eyes.of_group(group):
-            words = [f"{name}: {eyes.at(name, first, 'retina').value:.0f} % of the retina, "
+            told = [f"{name}: {eyes.at(name, first, 'retina').value:.0f} % of the retina, "
                      f"{eyes.at(name, first, 'inferior').value:.0f} % of its inferior half, with "
                      f"{eyes.at(name, first, AQUEOUS).value:.0f} % of the aqueous before the equator"
                      for name in eyes.of_group(group)]
-            found.append(f"{GROUPS[group].capitalize()}. {'; '.join(words)}.")
+            found.append(f"{GROUPS[group].capitalize()}. {'; '.join(told)}.")
     return found
 
 

@@ -138,13 +138,14 @@ def _assumed() -> list[str]:
 def validated(shed: Rows, outcomes: Sequence[Outcome]) -> list[str]:
     """Return how far shapes and law were checked."""
     base = by(shed, BASE)[0]
-    items = [page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 "
-                         "degrees off the exact one with the directions taken here (1 degree with more):",
-                         link_to("methods/equilibrium.md")),
-             page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
-                         f"ppm after {MONTHS} weeks; here it gives {MONTHS * float(base[RATE]):.1f} ppm, since "
-                         "particles count the line longer where oil meets the wall at a small angle:",
-                         link_to("results/mixing.md"))]
+    items: list[str] = [
+        page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 degrees "
+                    "off the exact one with the directions taken here (1 degree with more):",
+                    link_to("methods/equilibrium.md")),
+        page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
+                    f"ppm after {MONTHS} weeks; here it gives {MONTHS * float(base[RATE]):.1f} ppm, since particles "
+                    "count the line longer where oil meets the wall at a small angle:",
+                    link_to("results/mixing.md"))]
     lines = [row for outcome in outcomes for row in outcome.rows if row.quantity == LINE_BY_PARTICLES]
     items += [f"The contact line of the same shape measured on particles ({row.at.strip('[]')}) is "
               f"{1e3 * row.value:.0f} mm long, here {1e3 * (row.reference or 0.0):.0f} mm." for row in lines]

@@ -20,8 +20,6 @@ import math
 
 import numpy as np
 import taichi as ti
-from scipy.optimize import brentq
-from scipy.special import beta, betainc
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, shown, times
 from sim.effects.effect import Effect
@@ -37,7 +35,7 @@ STEPS = 40  # time steps in a saccade, or in half a period, at least
 
 def _peak_over_mean(power: float) -> float:
     """Peak over mean of the rate (4 s (1 - s))^n."""
-    return 1.0 / (4.0**power * beta(power + 1.0, power + 1.0))
+    return math.gamma(2.0 * power + 2.0) / (4.0**power * math.gamma(power + 1.0) ** 2)
 
 
 SMALLEST_PEAK, LARGEST_PEAK = map(_peak_over_mean, POWERS)  # over the mean
@@ -78,6 +76,8 @@ class Saccade:
     @functools.cached_property
     def power(self) -> float:
         """The power n of the rate."""
+        from scipy.optimize import brentq  # slow to import, and most scenes have no saccades
+
         return brentq(lambda n: _peak_over_mean(n) - self.peak_over_mean, *POWERS)
 
     @property
@@ -95,6 +95,8 @@ class Saccade:
         index, share = self._share(time)
         if index < 0:
             return 0.0
+        from scipy.special import betainc
+
         turned = float(betainc(self.power + 1.0, self.power + 1.0, share))
         return self.amplitude * (turned if index % 2 == 0 else 1.0 - turned)
 

@@ -66,7 +66,7 @@ class GravityParameters:
         (), file="head_orientation",
         meaning="in place of posture and turns a CSV file of the orientation of the head, or its lines: time in s and "
                 "direction of gravity in the head (x to the patient's left, y superior, z anterior)")
-    second_means: float = parameter(1.0, unit="s", exclusive_minimum=0.0,
+    second_means: float = parameter(1.0, unit="s", minimum=1e-3, maximum=1e8,
                                     meaning="time of turns and orientation that passes in a simulated second")
     jolts: tuple[Jolt, ...] = parameter((), meaning="jolts of the head")
 

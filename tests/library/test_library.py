@@ -99,6 +99,7 @@ def test_wrong_changes_are_one_sentence_and_leave_no_file(scenes, changes, sente
 @pytest.mark.parametrize(("arguments", "sentence"), [
     ({"scene": "tinny"}, "tinny.yaml: no such file (did you mean tiny.yaml?)"),
     ({"scene": "tiny", "accuracy": "drat"}, "did you mean draft?"),
+    ({"scene": "tiny", "name": "../mine"}, '"../mine" cannot name a scene'),
     ({"scene": "tiny", "cores": 0}, "cores is 0, but must be at least 1"),
     ({"scene": "tiny", "name": "saccades", "title": "mine"}, "was written by hand"),
 ])

@@ -11,6 +11,8 @@ from pipeline import metrics
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.tables import read_table
+from pipeline.base.vtk_files import write_vtk
+from pipeline.cavity.initial_state import save_initial
 from pipeline.equilibrium.star_cavity import icosphere
 from pipeline.exchange.run_index import write_places
 from pipeline.measures import place_metrics
@@ -169,8 +171,8 @@ def surface(ball):
 def test_the_stage_writes_columns_bars_and_when_breaks_were_covered(ball, tmp_path, capsys):
     scene = measured(ball, regions=[LOWER_HALF]).scene
     (tmp_path / "scene.json").write_text(scene.to_json())
-    np.savez(tmp_path / "initial.npz", **ball[0])
-    surface(ball).save(tmp_path / "eye.vtp")
+    save_initial(tmp_path / "initial.npz", ball[0])
+    write_vtk(surface(ball), tmp_path / "eye.vtp")
     position = ball[0]["fluid_position"]
     for number, height in enumerate((12e-3, 9e-3, 5e-3, 0.0)):
         fraction = synthetic_frames.oil_fraction(position, height=height)
@@ -207,7 +209,7 @@ def test_a_map_shows_the_break_in_its_place(ball):
 
 
 def test_places_are_a_part_of_the_index_of_a_run(ball, tmp_path):
-    surface(ball).save(tmp_path / "eye.vtp")
+    write_vtk(surface(ball), tmp_path / "eye.vtp")
     scene = measured(ball, regions=[LOWER_HALF]).scene
     assert write_places(tmp_path / "places.vtp", scene, tmp_path / "eye.vtp")
     found = pyvista.read(tmp_path / "places.vtp")

@@ -21,7 +21,7 @@ from pipeline.study_kit.plan import load_study
 
 SCRIPT = "<script>alert(1)</script>"
 TITLES = (f'{SCRIPT} & "quotes" {{{{ 7 * 7 }}}}',
-          "unbalanced $x_{ and \\frac{ $ in $ " + "a long $x_{ title " * 8 + "\\$",
+          "unbalanced $x_{ and \\frac{ $ in $ $ " + "a long $x_{ title " * 8 + "\\$",
           "\U0001f600 e\u0301 \u202e \u0627\u0644 \uffff",
           "@scene@ @folder@ %s {0} \\", "long " * 39)
 TABLE = {"time [s]": np.array([0.0, 1.0]), "frame": np.array([0.0, 1.0]), "speed [m/s]": np.array([0.0, 2.0])}

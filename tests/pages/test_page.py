@@ -14,6 +14,7 @@ from pipeline import metrics, movie, page
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
+from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
 from pipeline.pages.headlines import headlines
 from pipeline.pages.movie_copy import movie_within
@@ -42,7 +43,7 @@ def run_folder(tmp_path_factory, taichi):
     (folder / "scene.json").write_text(scene.to_json())
     save_initial(folder / "initial.npz", ball())
     eye = pyvista.Icosphere(radius=RADIUS, nsub=3)
-    eye.save(folder / "eye.vtp")
+    write_vtk(eye, folder / "eye.vtp")
     frames, images, surfaces = (folder / name / "segment_000" for name in ("frames", "images", "surfaces"))
     images.mkdir(parents=True)
     surfaces.mkdir(parents=True)

@@ -13,6 +13,7 @@ from pipeline import movie, render
 from pipeline.base import cli
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
@@ -49,7 +50,7 @@ def run_folder(tmp_path_factory, request, taichi):
     (folder / "scene.json").write_text(scene.to_json())
     save_initial(folder / "initial.npz", ball())
     eye = pyvista.Icosphere(radius=RADIUS, nsub=4)
-    eye.save(folder / "eye.vtp")
+    write_vtk(eye, folder / "eye.vtp")
     position = lattice()
     reconstructor = Reconstructor(ball(), 2)
     wall = Wall(scene, ball(), eye)

@@ -142,6 +142,7 @@ def test_a_scene_reads_the_file_and_keeps_its_lines(folder):
 
 @pytest.mark.parametrize(("text", "sentence"), [
     ("effects: {gravity: {orientation: nowhere.csv}}", "orientation is \"nowhere.csv\", but there is no such file"),
+    ("effects: {gravity: {orientation: ../../../head.csv}}", "lies outside of the project"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0], [1, 0, -2, 0]]}}", "of length 2, but it must be 1"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0], [0, 0, -1, 0]]}}", "must be later than the line before"),
     ("effects: {gravity: {orientation: [[0, 0, -1, 0]], turns: [{start: 1 s, to: prone}]}}", "together with turns"),

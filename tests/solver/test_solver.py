@@ -63,8 +63,7 @@ def test_restart_is_bit_identical(tank, unbroken):
 
 
 def test_number_of_threads_changes_no_bit(elsewhere, unbroken):
-    threads = 2 if os.cpu_count() == 1 else 1
-    found = elsewhere("f64", threads, "tank")
+    found = elsewhere("f64", 2, "tank")
     assert_same_bits(found, {f"tank.{name}": values for name, values in unbroken[1].items()})
 
 

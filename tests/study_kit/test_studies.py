@@ -27,8 +27,9 @@ title: Small
 cases:
   taylor_green:
     reynolds: [5, 10]
+    start: regular
     decay: 0.02
-    resolutions: {draft: [8, 10], standard: [10, 12], fine: [12, 14]}
+    resolutions: {draft: [8], standard: [10, 12], fine: [12, 14]}
 """
 
 
@@ -233,7 +234,7 @@ def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     assert tuple(rows[0]) == COLUMNS
     assert {row["holds"] for row in rows} <= {"true", "false", ""}
     assert {row["case"] for row in rows if row["quantity"] == "decay rate of the energy"} == {
-        f"taylor_green-{number} n={resolution}" for number in (5, 10) for resolution in (8, 10)}
+        "taylor_green-5 n=8", "taylor_green-10 n=8"}
     assert all(float(row["wall_s"]) > 0.0 for row in rows if row["quantity"] == "time reached")
     assert (folder / "taylor_green_decay.png").is_file() and "Small" in (folder / "table.html").read_text()
     assert "rows hold" in output

@@ -3,6 +3,7 @@ import os
 import runpy
 import shutil
 import signal
+import subprocess
 import time
 
 import numpy as np
@@ -65,8 +66,9 @@ def test_levels_of_a_scene_stand_side_by_side(project):
     assert all(path.stat().st_mtime_ns == date for dates in levels.values() for path, date in dates.items())
 
 
-def test_configured_level_is_that_of_all(project):
-    code, output = project.snakemake("-n", "all", "--config", "scenes=[tiny]", "accuracy=fine")
+@pytest.mark.parametrize("arguments", [("all", "--config", "scenes=[tiny]"), ("tiny", "--config")])
+def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(project, arguments):
+    code, output = project.snakemake("-n", *arguments, "accuracy=fine")
     assert code == 0, output
     assert "outputs/tiny/fine/movie.mp4" in output and "at draft" not in output
 
@@ -74,6 +76,7 @@ def test_configured_level_is_that_of_all(project):
 # Wrong input
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
+    (["tinny"], 'no scene and no study is called "tinny" (did you mean tiny?)'),
     (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
     (["outputs/studies/validation/table.html"], "ask for outputs/studies/validation/draft/table.html"),
     (["outputs/studies/validation/standard"], "ask for a file in it, such as outputs/studies/validation/standard/t"),
@@ -224,6 +227,22 @@ def test_notebook_runs_as_it_is_shown(finished, opengl):
     assert all(cell.outputs for cell in shown.cells[2:] if cell.cell_type == "code")
 
 
+def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
+    copy = Project(tmp_path)
+    made = [path for name in ("outputs", ".snakemake") for path in (finished.folder / name).rglob("*")]
+    for path in sorted(made, reverse=True):  # in another order than they were made in
+        other = tmp_path / path.relative_to(finished.folder)
+        (other if path.is_dir() else other.parent).mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            shutil.copyfile(path, other)
+    code, output = copy.snakemake("-n", *targets(can_draw))
+    assert code == 0 and "Nothing to be done" in output, output
+    # Where the folder is known, what somebody writes by hand counts.
+    (copy.outputs("tiny") / "initial.npz").touch()
+    code, output = copy.snakemake("-n", *targets(can_draw))
+    assert planned(output)["simulate"] == 2, output
+
+
 def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
     scene = finished.folder / "config" / "scenes" / "tiny.yaml"
     before = scene.read_text()
@@ -318,10 +337,25 @@ def test_second_run_at_the_same_time_is_refused(finished, project):
     wait_for(lambda: "check the scene" in log(), run)
     (project.folder / "first.log").write_text(log())
     code, output = project.snakemake("outputs/tiny/draft/frames/frames.pvd")
+    shutil.copy(ROOT / "run", project.folder)
+    at_once = subprocess.run(["bash", "run"], cwd=project.folder, capture_output=True, text=True)
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
     assert code == 2
     assert "another snakemake works in this folder" in output and TRACE not in output
+    assert at_once.returncode == 1 and not (project.folder / ".venv").exists()
+    assert at_once.stderr == "error: outputs: another snakemake works in this folder; wait for its end\n"
+
+
+def test_interrupted_run_ends_in_a_sentence(project):
+    run = project.start("outputs/tiny/draft/eye.vtp")
+    log = (project.folder / "snakemake.log").read_text
+    wait_for(lambda: "check the scene" in log(), run)
+    os.killpg(run.pid, signal.SIGINT)
+    assert run.wait(60)
+    said = log()[log().index("check the scene"):]
+    assert "stopped; the same command goes on from here" in said
+    assert "Error" not in said and TRACE not in said, said
 
 
 def wait_for(condition, run, timeout=300.0):

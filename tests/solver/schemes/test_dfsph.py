@@ -141,7 +141,7 @@ def test_relaxation_falls_with_the_support():
     assert 0.2 < wide < narrow < 1.0
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_every_effect_runs(dimension):
     solver = full_box("dfsph", dimension, [name for name in REGISTRY if name not in DFSPH.refuses])
     assert_runs(solver, 0.15)  # measured 0.07

@@ -18,6 +18,7 @@ from free_surface import (
 )
 
 from sim.effects import REGISTRY
+from sim.runtime import restart
 from sim.schemes.volume_incompressible import VolumeIncompressible
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
 from sim.settings import Liquid, Numerics, Settings
@@ -155,6 +156,18 @@ RUN = [name for name in REGISTRY if name not in VolumeIncompressibleClamped.refu
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_every_effect_runs(dimension):
     assert_runs(full_box(SCHEME, dimension, RUN, light=LIGHT), 0.12)  # 0.06
+
+
+def test_number_of_threads_changes_no_bit_of_any_effect():
+    states = []
+    for threads in (2, 1):
+        restart(threads=threads)
+        solver = full_box(SCHEME, 2, RUN, light=LIGHT)
+        for _ in range(4):
+            solver.step()
+        states.append(solver.state())
+    for name, values in states[0].items():
+        np.testing.assert_array_equal(values, states[1][name], err_msg=name)
 
 
 @pytest.mark.parametrize("name", RUN)

@@ -91,7 +91,7 @@ def test_restart_is_bit_identical():
         np.testing.assert_array_equal(again.state()[name], values, err_msg=name)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_every_effect_runs(dimension):
     solver = full_box("wcsph", dimension, [name for name in REGISTRY if name not in WCSPH.refuses])
     assert_runs(solver, 0.02)  # 0.017 at the start

@@ -1,0 +1,22 @@
+"""What the jobs of a plan ask for: `python planned_resources.py TARGET MAX_THREADS [KEY=VALUE...]`, as JSON.
+
+A dry run does not print it where a rule has a message of its own.
+"""
+import json
+import sys
+from pathlib import Path
+
+from snakemake.api import SnakemakeApi
+from snakemake.settings.types import ConfigSettings, DAGSettings, OutputSettings, Quietness, ResourceSettings
+
+ASKED = ("_cores", "mem_mb", "gpu")
+
+target, threads, *values = sys.argv[1:]
+with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
+    workflow = api.workflow(
+        ResourceSettings(cores=64, max_threads=int(threads)), snakefile=Path("Snakefile"),
+        config_settings=ConfigSettings(config=dict(value.split("=") for value in values),
+                                       configfiles=[Path("config/config.yaml")]))
+    workflow.dag(DAGSettings(targets={target})).execute_workflow(executor="dryrun")
+    jobs = workflow._workflow.dag.jobs
+    print("PLAN", json.dumps({job.rule.name: {name: job.resources.get(name) for name in ASKED} for job in jobs}))
