@@ -193,4 +193,4 @@ def test_stage_writes_arrays_and_report(tmp_path):
         assert len(arrays["fluid_position"]) == report["fluid_particles"]
         assert len(arrays["wall_position"]) == report["wall_particles"]
         assert arrays["particle_spacing"] == 2e-3 and arrays["dimension"] == 3
-    assert report["relative_volume_error"] < 0.01 and report["seconds"] > 0.0
+    assert report["relative_volume_error"] < 0.01
