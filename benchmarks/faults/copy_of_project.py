@@ -11,9 +11,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LINKED, COPIED = ("pipeline", "sim", "docs"), ("config", "profiles", "rules", "Snakefile")
 SCENE = "tiny"
-# What tells times of this computer; everything else is the same in every run.
+# What tells times of this computer, or its own path; everything else is the same in every run.
 WITH_CLOCKS = ("costs", "logs", "estimate.html", "estimate.json", "cost.html", "effects.html", "effects.csv",
-               "index.html")
+               "index.html", "view_run.py")
 
 
 class Copy:

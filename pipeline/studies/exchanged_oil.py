@@ -137,7 +137,8 @@ def _outcome(case: Parameters, eye: RestingEye, readings: np.ndarray, lost: bool
               for t, left, distance in readings]
     common: dict[str, Any] = {"at": f"[{1e3 * solver.spacing:g} mm]"}
     outcome = Outcome(tables={"exchanges": [list(EXCHANGES), *lines], "courses": [list(EXCHANGE_COURSES), *course]})
-    outcome.rows += [Row(quantity, value, unit or "1", **common) for quantity, value, unit in numbers]
+    outcome.rows += [Row(quantity, value, unit or "1", **common) for quantity, value, unit in numbers
+                     if np.isfinite(value)]
     outcome.rows += [Row("capillary number", capillary, **common),
                      Row("particles", float(solver.count[None]), **common),
                      Row("time steps", float(solver.step_count), **common),

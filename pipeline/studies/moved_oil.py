@@ -3,8 +3,8 @@
 Every movement begins with the oil at rest (`pipeline.study_kit.resting_eye`). In saccades and in the jolt the patient
 is upright; the stress on the retina and the shift of the interface are read while the movement lasts and a little
 after. Standing up is slow, so that its particles may be larger and its steps longer; what is watched is the way of the
-aqueous' center from its place at rest of the supine patient to that of the upright one. The wall beside is that of a
-sphere of the eye's volume full of the oil, whose stress in a saccade is known exactly.
+aqueous' center from where it rests in the supine patient to where it rests in the upright one. Beside the stress in a
+saccade stands the exact one in a sphere of the eye's volume full of the oil.
 """
 import dataclasses
 import time

@@ -86,6 +86,11 @@ class Movements:
         """Names of the oils."""
         return list(dict.fromkeys(oil for oil, *_ in self.found))
 
+    def light(self, movement: str, quantity: str) -> list[str]:
+        """Oils lighter than the aqueous of which a quantity is known, as listed: thin ones first."""
+        return [oil for oil in self.oils if not oil.startswith("heavy")
+                and np.isfinite(self.number(oil, movement, quantity)[0])]
+
     @property
     def reference(self) -> str:
         """The oil with finer particles, the first if there is none."""
@@ -175,29 +180,39 @@ def finer(movements: Movements) -> str:
 
 def headline(movements: Movements) -> str:
     """Return the answer in one sentence or two."""
-    light = [oil for oil in movements.oils if not oil.startswith("heavy")]
-    thin, thick = light[0], light[-1]
-    stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
-    shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
-    rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
-    jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in movements.oils)
-                  for movement in (JOLT, SACCADES))
-    words = [f"A saccade drags at the retina with {min(stress):.1f} to {max(stress):.1f} Pa in the mean, whichever the "
-             f"oil, and moves the interface by {shift[0]:.1f} mm with {oil_words(thin)} and {shift[1]:.1f} mm with "
-             f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
-             "a saccade."]
-    if np.isfinite(rest).all():
+    turned, stood = movements.light(SACCADES, STRESS), movements.light(STANDING_UP, MOST)
+    words = []
+    if turned:
+        words.append(_of_saccades(movements, turned))
+    if stood:
+        thin, thick = stood[0], stood[-1]
+        rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
         words.append(f"After sitting up {oil_words(thin)} needs {rest[0]:.0f} s for most of its way, "
                      f"{oil_words(thick)} {rest[1]:.0f} s: in proportion to the viscosity, and at most, since a film "
                      "of aqueous would let it slide.")
     return " ".join(words)
 
 
+def _of_saccades(movements: Movements, light: Sequence[str]) -> str:
+    """Return what saccades and the jolt do, by the oils that were shaken."""
+    thin, thick = light[0], light[-1]
+    stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
+    shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
+    jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in light) for movement in (JOLT, SACCADES))
+    return (f"A saccade drags at the retina with {min(stress):.1f} to {max(stress):.1f} Pa in the mean, whichever the "
+            f"oil, and moves the interface by {shift[0]:.1f} mm with {oil_words(thin)} and {shift[1]:.1f} mm with "
+            f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
+            "a saccade.")
+
+
 def anchors(movements: Movements) -> list[str]:
     """Return what was published, and what is found here."""
-    thin, thick = movements.oils[0], [oil for oil in movements.oils if not oil.startswith("heavy")][-1]
+    turned = movements.light(SACCADES, STRESS)
+    if not turned:
+        return []
+    thin, thick = turned[0], turned[-1]
     stress = {oil: movements.number(oil, SACCADES, STRESS)[0] for oil in (thin, thick)}
-    high = max(movements.number(oil, SACCADES, HIGH_STRESS)[0] for oil in movements.oils)
+    high = max(movements.number(oil, SACCADES, HIGH_STRESS)[0] for oil in turned)
     return [
         f"The stress on the retina grows with the viscosity up to a limit (Isakova et al. 2014, theory), and is higher "
         f"with 5000 than with 1000 mPa s (Rossi et al. 2021, computed by others). Here {oil_words(thick)} has "

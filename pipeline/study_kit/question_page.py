@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from pipeline.base import page
+from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.study_kit.model import Outcome
 
@@ -74,8 +75,15 @@ def link_to(document: str) -> str:
 
 
 def joined_tables(outcomes: Sequence[Outcome], name: str) -> tuple[list[str], list[list[str]]]:
-    """Return heads and lines of a table that several cases have lines of."""
+    """Return heads and lines of a table that several cases have lines of.
+
+    Raises
+    ------
+    UserError : no case has any.
+    """
     tables = [outcome.tables[name] for outcome in outcomes if name in outcome.tables]
+    if not tables:
+        raise UserError(f"no case has a result for the table {name} yet; run the study, and see what its cases say")
     return tables[0][0], [line for table in tables for line in table[1:]]
 
 

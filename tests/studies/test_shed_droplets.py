@@ -58,11 +58,8 @@ def test_the_page_tells_what_sheds_droplets_and_that_time_is_assumed(parts, tmp_
     outcome = shed_droplets.run(shed_droplets.Parameters(
         oils=("silicone_oil_1000", "silicone_oil_5000"), tensions=(0.04,), fills=(0.85,), postures=("upright",),
         contact_angles=(18.2, 25.0)), scene)
-    outcome.case = "shed_droplets"
-    (tmp_path / "one").mkdir()
-    outcome.write(tmp_path / "one")
     study = load_study("emulsion_study")
-    write_study(study, [tmp_path / "one"], tmp_path)
+    write_study(study, [outcome], tmp_path)
     text = (tmp_path / "table.html").read_text(encoding="utf-8")
     assert "illustration of physics, not for decisions on a patient" in text and "&lt;" not in text
     assert "oil 5000 sheds 0.20 times" in text and "(an assumption)" in text
