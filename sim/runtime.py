@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
+from taichi.lang.ast import ast_transformer_utils
 from taichi.lang.impl import current_cfg
 
 from sim import host_memory
@@ -13,6 +14,20 @@ from sim.devices import AUTO, best_device
 
 _started: dict[str, Any] = {}
 _packed_field = ti.field
+
+
+class _Unwrapped:
+    """Lines of code as they are, in the place of `textwrap.TextWrapper`."""
+
+    def __init__(self, **_):
+        pass
+
+    def wrap(self, text: str) -> list[str]:
+        return [text] if text.strip() else []
+
+
+# Taichi breaks the lines of every expression for messages of errors: half of the time before it compiles.
+ast_transformer_utils.TextWrapper = _Unwrapped
 
 
 class NoDevice(RuntimeError):

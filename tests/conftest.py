@@ -11,7 +11,6 @@ from pathlib import Path
 import forked_snakemake
 import numpy as np
 import pytest
-from taichi.lang.ast import ast_transformer_utils
 
 ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
@@ -19,20 +18,6 @@ ROOT = Path(__file__).parents[1]
 COMPILED = ROOT / ".pytest_cache" / "taichi"
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
-
-
-class _Unwrapped:
-    """Lines of code as they are, in the place of `textwrap.TextWrapper`."""
-
-    def __init__(self, **_):
-        pass
-
-    def wrap(self, text: str) -> list[str]:
-        return [text] if text.strip() else []
-
-
-# Taichi breaks the lines of every expression for messages of errors: half of the time before it compiles.
-ast_transformer_utils.TextWrapper = _Unwrapped
 
 
 def pytest_collection_finish():
