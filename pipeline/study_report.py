@@ -37,7 +37,7 @@ def outcomes_so_far(study: Study, folder: Path) -> list[Outcome]:
 def _why_missing(case: Case, log: Path) -> str:
     """What the log of a case, or those of the scenes that it reads, end with."""
     if log.is_file():
-        return _last_error(log) or "it has not ended"
+        return _last_error(log) or f"it has not come to its end, see {log}"
     errors = (_last_error(path) for scene in case.folders().values() for path in sorted(scene.glob("logs/*.log")))
     return next(filter(None, errors), "it has not been run")
 
@@ -51,12 +51,13 @@ def _last_error(log: Path) -> str:
     return errors[-1] if errors else ""
 
 
-def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None:
+def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complete: bool = True) -> None:
     """Write ``table.csv``, ``table.html`` and all PNG files of a study into ``target`` and print a summary.
 
     Parameters
     ----------
     outcomes : one of every case, in the order of the study.
+    complete : a page that answers a question in its own words has them; they are about all cases.
     """
     failed = [outcome for outcome in outcomes if outcome.failure]
     found = [outcome for outcome in outcomes if not outcome.failure]
@@ -78,8 +79,7 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path) -> None
             content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    # The words of a page that answers a question are about all cases.
-    parts = study.page.write_page(study.description, found, target) if study.page and not failed else []
+    parts = study.page.write_page(study.description, found, target) if study.page and complete else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 
@@ -171,7 +171,7 @@ def main() -> None:
     study = load_study(arguments.study, arguments.accuracy)
     folder = arguments.folder or OUTPUTS / study.name / study.accuracy
     if arguments.so_far:
-        write_study(study, outcomes_so_far(study, folder), folder / SO_FAR)
+        write_study(study, outcomes_so_far(study, folder), folder / SO_FAR, complete=False)
     else:
         write_study(study, [Outcome.read(folder / "cases" / name) for name in study.cases], folder)
 

@@ -3,9 +3,9 @@
     pip download --no-deps pydeface==2.1.0 && unzip pydeface-2.1.0-py3-none-any.whl pydeface/data/mean_reg2mean.nii.gz
     python benchmarks/patient_eyes/mesh_of_mean_head.py pydeface/data/mean_reg2mean.nii.gz eye.ply
 
-The image (T1, voxels of 1 mm) is the mean of registered heads that pydeface (MIT license) takes as its template. The
-mesh is the surface of equal intensity, at a level at which the vitreous is a body of its own; a mean is blurred, so
-that the body is smaller than an eye. Nothing was drawn by hand.
+The image (T1-weighted, voxels of 1 mm) is the mean of registered heads that pydeface (MIT license) takes as its
+template. The mesh is the surface of equal intensity, at a level at which the vitreous is a body of its own; a mean is
+blurred, so that the body is smaller than an eye. Nothing was drawn by hand.
 """
 import argparse
 import gzip

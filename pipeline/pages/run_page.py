@@ -39,7 +39,7 @@ POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src
                 '<link rel="icon" href="data:,">')
 ILLUSTRATION = ("This illustrates the physics; it is no prediction for a patient: nothing was compared with clinical "
                 "data.")
-NOT_IN_AN_EYE = ("In no scene are: the anterior chamber, the vitreous, the give of the wall and of the retina, and "
+NOT_IN_AN_EYE = ("In no scene are: the vitreous, the give of the wall and of the retina, and "
                  "films of aqueous thinner than the particle spacing.")
 PACKAGES = ("eye-oil-pipeline", "taichi", "numpy", "scipy", "pyvista", "vtk", "snakemake")
 FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "last picture",

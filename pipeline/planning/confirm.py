@@ -1,4 +1,5 @@
 """A scene that confirms an answer by one simulation, and what that simulation says once it has run."""
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     base = read_extended(path, Errors(path))
     wetting = next(name for name, values in base["effects"].items() if "contact_angle" in values)
     fill, oil = min(answer.fill, question.largest_fill), answer.oils[0]
-    cavity: dict[str, object] = {"model": eye.model, "side": eye.side}
+    told = {key: value for key, value in dataclasses.asdict(eye).items() if value != getattr(Eye(), key)}
+    cavity = {key: _plain(value) for key, value in told.items()} | {"model": eye.model, "side": eye.side}
     if eye.model == "mesh":
         cavity |= {"path": str(Path(eye.path or "").resolve()), "unit": eye.unit}
     else:
@@ -53,6 +55,13 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
                               "contact_angle": f"{np.degrees(question.contact_angle):.6g} deg"}},
     }
     return "# yaml-language-server: $schema=../schema.json\n" + yaml.safe_dump(scene, sort_keys=False, width=120)
+
+
+def _plain(value: object) -> object:
+    """A value of an eye as YAML writes it, in SI units: lists for tuples, and nothing that a record does not tell."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items() if one is not None}
+    return list(value) if isinstance(value, tuple) else value
 
 
 def confirmation(path: Path, question: Question, answer: Answer, outputs: Path = OUTPUTS) -> list[str]:

@@ -5,9 +5,9 @@ from pipeline.scenes.eye_shape import published_volume
 from pipeline.scenes.model import Scene
 from sim.memory import needed_bytes
 
-# Of a process before it has read a scene, MB: the libraries, and the VTK that draws.
-LIBRARIES = {"render": 1000, "page": 1000}
-OTHERS = 600
+# Before a stage has read a scene, MB: its libraries, of which VTK takes most, and 330 MB of the Snakemake around it.
+LIBRARIES = {"render": 1400, "page": 1400}
+OTHERS = 1000
 # What the stages hold beside, as a multiple of what the solver needs: measured, 5,000 to 320,000 particles.
 SHARE = 1.5
 STEP = 100  # MB; rounded up to whole ones

@@ -99,7 +99,7 @@ class Studies:
             study = self.study(name, level)
             outcomes = outcomes_so_far(study, folder)
             if any(outcome.failure for outcome in outcomes):
-                write_study(study, outcomes, folder / SO_FAR)
+                write_study(study, outcomes, folder / SO_FAR, complete=False)
                 print(f"{name} at {level}, as far as there are results: {folder / SO_FAR / 'table.html'}", flush=True)
 
     def _case(self, name: str, level: str, case: str):

@@ -36,7 +36,7 @@ PARTS = ("wall", "retina", "superior", "inferior", "macula")
 TOLERANCE = 3.0                 # points of a covered share
 WALL, FREE = 4, 1               # colors of the triangles of Evolver
 CUTS = 3                        # of the icosahedron that the start is made of
-FRONT, EDGE = 3.0, 0.5          # mm: before this height the wall is cut until its edges are so short
+FRONT, EDGES = 3.0, (0.5, 0.34)  # mm: before this height the wall is cut until its edges are so short, in two goes
 # Coarse, then twice as fine, then finer still at the front edges: with edges of 0.8 mm there they hold too little
 # aqueous. What is last is without averaging, so that nothing but the energy moves the contact line.
 COMMANDS = """
@@ -47,13 +47,22 @@ quiet
 evolve 5
 r
 evolve 4
-cut := {{ refine edges ee where ee.length > {edge} and {front} > {height} and on_constraint 1; }}
-front := {{ cut; u; V; g 5; u; V; g 5; }}
-front
-front
+cut := {{ refine edges ee where ee.length > {edges[0]} and {front} > {height} and on_constraint 1; }}
+finer := {{ refine edges ee where ee.length > {edges[1]} and {front} > {height} and on_constraint 1; }}
+smooth := {{ u; V; g 5; u; V; g 5; }}
+cut
+smooth
+cut
+smooth
 evolve 3
 U
 g 250
+U
+finer
+smooth
+evolve
+U
+g 150
 U
 """
 
@@ -106,7 +115,7 @@ def main() -> None:
         own, coarse = by_energy(CASES[name])
         print(f"{name}: {middle - begin:.0f} s by Evolver, {time.perf_counter() - middle:.0f} s here")
         for part in PARTS:
-            off = abs(judged[part] - coarse[part])
+            off = abs(judged[part] - own[part])
             missed += off > TOLERANCE
             print(f"  {part}: {judged[part]:.1f} / {own[part]:.1f}, {coarse[part]:.1f}"
                   + (f"  more than {TOLERANCE:g} points apart" if off > TOLERANCE else ""))
@@ -143,7 +152,7 @@ def by_evolver(case: Case, folder: Path | None = None) -> dict[str, float]:
 def commands(turn: np.ndarray) -> str:
     """Return what Evolver does."""
     front = " + ".join(f"({turn[row, 2]:.9g})*ee.vertex[1].{name}" for row, name in enumerate("xyz") if turn[row, 2])
-    return COMMANDS.format(edge=EDGE, front=front, height=FRONT)
+    return COMMANDS.format(edges=EDGES, front=front, height=FRONT)
 
 
 def turned(down) -> np.ndarray:

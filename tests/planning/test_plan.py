@@ -16,7 +16,7 @@ from pipeline.planning.search import MAP, Question, Tables, answers
 from pipeline.planning.settings import load_settings, postures
 from pipeline.planning.touch import FILLS, LATITUDES, MERIDIANS, fills_needed, key_of, read_tables, write_tables
 from pipeline.scenes.load import load_scene
-from pipeline.scenes.model import Eye
+from pipeline.scenes.model import Buckle, Eye
 from pipeline.scenes.retina import direction
 
 
@@ -189,10 +189,10 @@ def test_a_confirming_scene_is_a_scene(tables, tmp_path):
     scenes.mkdir()
     for name in ("resting_eye", "still_eye", "tamponade"):
         (scenes / f"{name}.yaml").write_text((ROOT / "config" / "scenes" / f"{name}.yaml").read_text())
-    path = scenes / "confirming.yaml"
-    path.write_text(confirming_scene(asked, answer, Eye(lens="pseudophakic"), "resting_eye"))
+    path, buckled = scenes / "confirming.yaml", Eye(lens="pseudophakic", buckle=Buckle(0.002, clock_hours=(10.0, 2.0)))
+    path.write_text(confirming_scene(asked, answer, buckled, "resting_eye"))
     scene = load_scene(path, "draft", ROOT / "config")
-    assert scene.eye.lens == "pseudophakic" and [liquid.name for liquid in scene.liquids][1] == "heavy_oil_densiron_68"
+    assert scene.eye == buckled and [liquid.name for liquid in scene.liquids][1] == "heavy_oil_densiron_68"
     assert scene.initial.fill["heavy_oil_densiron_68"] == pytest.approx(min(answer.fill, 0.95), abs=1e-4)
     assert scene.effects["gravity"].posture == "prone"
     assert scene.effects["interface_tension"].coefficient == asked.tension

@@ -37,7 +37,7 @@ def test_jobs_ask_for_threads_memory_and_a_gpu(project):
     assert {rule: asked[rule]["_cores"] for rule in SOLVING} == {
         "voxelize": 32, "simulate": 32, "estimate": 48, "reconstruct": 1}
     assert {rule for rule, one in asked.items() if one["gpu"]} == set(SOLVING)
-    assert all(asked[rule]["mem_mb"] >= 600 for rule in (*SOLVING, "render", "metrics", "page"))
+    assert all(asked[rule]["mem_mb"] >= 1000 for rule in (*SOLVING, "render", "metrics", "page"))
     assert asked["render"]["mem_mb"] > asked["simulate"]["mem_mb"]
 
 
