@@ -389,7 +389,7 @@ def test_advice_does_not_make_a_simulation_run_again():
 @pytest.mark.parametrize(("old", "new", "again"), [
     ("is missing and would be seen: {cause}", "is missed: {cause}", {"pipeline.advise"}),  # a sentence
     ("and turns must not overlap", "and turns follow each other", {"pipeline.advise"}),  # of a check
-    ("s**3 * (10.0", "s**3 * (11.0",  # a force
+    ("(1.0 - self.reference_density *", "(2.0 - self.reference_density *",  # a force
      {"pipeline.advise", "pipeline.simulate", "pipeline.metrics", "pipeline.reconstruct"}),
 ])
 def test_a_new_sentence_of_an_effect_simulates_nothing_again(tmp_path, monkeypatch, old, new, again):
