@@ -168,7 +168,8 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
         _assumed(movements), _validated(movements),
         "against patients, or against an experiment in an eye. A film of aqueous between oil and retina would lower "
         "the stress and let the oil slide: it is thinner than a particle and not resolved, so that real oil comes to "
-        "rest sooner, and the times after sitting up are upper limits. Stress below the aqueous itself is too low.",
+        "rest sooner, and the times after sitting up are upper limits. Stress below the aqueous itself is too low. "
+        "What finer particles change was tried with one oil only, not with the thick ones.",
         more=[page.section("Beside what was published"), page.bullets(anchors(movements))])
 
 
@@ -199,8 +200,9 @@ def _of_saccades(movements: Movements, light: Sequence[str]) -> str:
     stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
     shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
     jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in light) for movement in (JOLT, SACCADES))
-    return (f"A saccade drags at the retina with {min(stress):.1f} to {max(stress):.1f} Pa in the mean, whichever the "
-            f"oil, and moves the interface by {shift[0]:.1f} mm with {oil_words(thin)} and {shift[1]:.1f} mm with "
+    return (f"A saccade drags at the retina with {stress[0]:.1f} Pa in the mean with {oil_words(thin)} and "
+            f"{stress[-1]:.1f} Pa with {oil_words(thick)}, and moves the interface by {shift[0]:.1f} mm "
+            f"with {oil_words(thin)} and {shift[1]:.1f} mm with "
             f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
             "a saccade.")
 
@@ -216,8 +218,9 @@ def anchors(movements: Movements) -> list[str]:
     return [
         f"The stress on the retina grows with the viscosity up to a limit (Isakova et al. 2014, theory), and is higher "
         f"with 5000 than with 1000 mPa s (Rossi et al. 2021, computed by others). Here {oil_words(thick)} has "
-        f"{100.0 * (stress[thick] / stress[thin] - 1.0):+.0f} % of the mean stress of {oil_words(thin)}: the mass of "
-        "the oil, which the wall has to turn, sets the limit.",
+        f"{100.0 * (stress[thick] / stress[thin] - 1.0):.0f} % more than {oil_words(thin)}. "
+        "In a sphere full of oil the mass that the wall has to turn sets the limit, and the exact stresses differ by a "
+        "few percent; the rest is from lens, front edges and contact line, where thick oil has to flow.",
         "A thin film of aqueous lowers the stress much (Isakova et al. 2014). No such film is here.",
         f"The retina holds with {ADHESION[0]:g} Pa in the first days after laser and with up to {ADHESION[1]:g} Pa in "
         f"animals (in Angunawela et al. 2011, where gas and water drag with at most 2.5 Pa in saccades). Here 1 % of "

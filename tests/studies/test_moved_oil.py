@@ -127,7 +127,7 @@ def test_the_page_says_what_finer_particles_change_and_what_is_not_known(study, 
     write_study(study, outcomes(), tmp_path)
     text = (tmp_path / "table.html").read_text(encoding="utf-8")
     assert "illustration of physics, not for decisions on a patient" in text and "&lt;" not in text
-    assert "5.0 to 5.5 Pa" in text                      # both oils, the finer particles left out
+    assert "5.0 Pa in the mean with oil 1000 and 5.5 Pa with oil 5000" in text  # the finer particles left out
     assert "5.0 ± 0.7" in text                          # a spread of 0.2, and 10 % by finer particles
     assert "4 ± 1" in text                              # 10 % by finer particles and a fifth by long steps
     assert "–</td>" in text                             # the thick oil has not made its way
