@@ -307,9 +307,9 @@ FAULTS = (
           "test_eye_is_filled_to_its_volume"),
     Fault("eye_axes", "the horizontal and the vertical diameter of the eye are swapped",
           "half_axes = np.array([0.5 * (horizontal_diameter or growth * HORIZONTAL_DIAMETER),\n"
-          "                          0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER), half_length])",
+          "                              0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER), half_length])",
           "half_axes = np.array([0.5 * (vertical_diameter or growth * VERTICAL_DIAMETER),\n"
-          "                          0.5 * (horizontal_diameter or growth * HORIZONTAL_DIAMETER), half_length])",
+          "                              0.5 * (horizontal_diameter or growth * HORIZONTAL_DIAMETER), half_length])",
           "test_axes_of_the_eye"),
     Fault("mesh_unit", "a mesh is read in millimeters whatever its unit",
           "coarsen(MESH_UNITS[unit] * vertices, faces)",
