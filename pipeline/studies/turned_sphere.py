@@ -72,11 +72,17 @@ class Parameters(TankParameters):
         return self.pulsation * (RADIUS / self.womersley) ** 2
 
 
+def exact_solution(case: Parameters) -> "Oscillating | Turned":
+    """Return the exact solution of a case."""
+    if case.motion == "oscillation":
+        return Oscillating(case)
+    return Turned(case.saccade, case.viscosity, DENSITY, RADIUS, case.dimension)
+
+
 def run(case: Parameters) -> Outcome:
     """Compare velocity and stress at the wall with the exact solution at every resolution."""
     outcome, errors = Outcome(), []
-    exact = (Oscillating(case) if case.motion == "oscillation" else
-             Turned(case.saccade, case.viscosity, DENSITY, RADIUS, case.dimension))
+    exact = exact_solution(case)
     name = f"{case.motion}, {case.dimension}D, Womersley {case.womersley:g}"
     for resolution in case.resolutions:
         result = _turned(case, resolution, exact)
@@ -158,6 +164,8 @@ class Turned:
 
     def amplitudes(self, time: float) -> np.ndarray:
         """Amplitudes of the modes at a time, (modes,): each decays, and gains what the wall turns away from it."""
+        if time <= 0.0:
+            return np.zeros_like(self.zeros)
         decay = self.viscosity * (self.zeros / self.radius) ** 2
         times = np.linspace(0.0, time, SUBSTEPS + 1)
         rates = np.array([self.saccade.rate(t) for t in times])

@@ -37,9 +37,9 @@ class Turn:
 
     start: float = parameter(unit="s", minimum=0.0, meaning="time at which the turn begins")
     to: str = parameter(choices=tuple(POSTURES), meaning="posture after the turn")
+    duration: float = parameter(1.0, unit="s", exclusive_minimum=0.0, meaning="time the turn takes")
     head_up: float = parameter(0.0, unit="rad", minimum=-RIGHT_ANGLE, maximum=RIGHT_ANGLE, meaning=HEAD_UP)
     roll: float = parameter(0.0, unit="rad", minimum=-HALF_TURN, maximum=HALF_TURN, meaning=ROLL)
-    duration: float = parameter(1.0, unit="s", exclusive_minimum=0.0, meaning="time the turn takes")
 
 
 @dataclasses.dataclass(frozen=True)

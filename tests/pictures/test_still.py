@@ -6,20 +6,18 @@ from pipeline import still
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.pictures.path_tracer import Camera, Light, Model, PathTracer
-from sim.runtime import initialize
 
 RADIUS, FAR_AWAY = 9e-3, 1.0
 SKY = {"horizon": 1.0, "zenith": 1.0, "lamps": ()}
 
 
-@pytest.fixture(scope="module")
-def ball():
+@pytest.fixture
+def ball(taichi):
     """A ball of oil far inside a wall, 1 m above a white table."""
     grid = distance_of_function(lambda points: np.linalg.norm(points, axis=-1) - RADIUS, [-RADIUS] * 3, [RADIUS] * 3,
                                 0.5e-3, 2e-3)
     apart = np.full(grid.values.shape, -FAR_AWAY)
     color = np.ones((*grid.values.shape, 3))
-    initialize("f32", 2)
     return Model(apart, grid.values, color, grid.origin, grid.cell, np.array([0.0, 1.0, 0.0]), -FAR_AWAY,
                  np.array([1.0, 0.0, 0.0]))
 

@@ -348,7 +348,7 @@ def test_second_run_at_the_same_time_is_refused(finished, project):
 
 
 def test_interrupted_run_ends_in_a_sentence(project):
-    run = project.start("outputs/tiny/draft/eye.vtp")
+    run = project.start("outputs/tiny/draft/frames/segment_000")
     log = (project.folder / "snakemake.log").read_text
     wait_for(lambda: "check the scene" in log(), run)
     os.killpg(run.pid, signal.SIGINT)

@@ -140,7 +140,7 @@ def test_liquid_in_a_turned_circle(motion):
 def test_modes_and_oscillation_have_no_slip_and_start_at_rest():
     for motion, dimension in (("oscillation", 2), ("oscillation", 3), ("saccade", 2), ("saccade", 3)):
         case = turned_sphere.Parameters(dimension=dimension, motion=motion, womersley=3.0)
-        exact = (turned_sphere.Oscillating if motion == "oscillation" else turned_sphere.Turned)(case)
+        exact = turned_sphere.exact_solution(case)
         time = 0.4 * case.saccade.lasts
         near = np.array([1.0 - 1e-4, 1.0]) * turned_sphere.RADIUS
         speeds = exact.speed(near, time)
