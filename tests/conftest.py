@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import forked_snakemake
@@ -40,6 +40,19 @@ def taichi():
     shut_down()
     initialize("f64", 1)
     return ti
+
+
+@pytest.fixture
+def nothing_planned() -> Iterator[None]:
+    """Let no study be known from a folder of another test: a process keeps what it has read of the one that it is in."""
+    from pipeline.study_kit import plan
+
+    kept = plan.cached_study, plan.cached_scene, plan._scene_text, plan._code_digest
+    for one in kept:
+        one.cache_clear()
+    yield
+    for one in kept:
+        one.cache_clear()
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hypothesis import HealthCheck, given, seed, settings  # noqa: E402
+from hypothesis import HealthCheck, Phase, given, seed, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from PIL import Image, ImageDraw  # noqa: E402
 
@@ -348,7 +348,7 @@ def run(examples: int, number: int | None = None) -> collections.Counter:
             setattr(load, name, functools.cache(getattr(load, name)))
 
         @settings(max_examples=examples, deadline=None, database=None, suppress_health_check=list(HealthCheck),
-                  print_blob=False)
+                  print_blob=False, phases=(Phase.generate, Phase.shrink))  # to explain is to trace every line
         @given(files())
         def one(file: tuple[str, bytes]) -> None:
             kind, text = file

@@ -128,6 +128,7 @@ def test_table_so_far_says_of_every_case_why_it_has_no_result(write, monkeypatch
 
 # Plans
 
+@pytest.mark.usefixtures("nothing_planned")
 def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeypatch):
     write("cases: {injection: {scene: [tamponade, oil_removal], flow: ["
           + ", ".join(f"{0.1 * k:.1f} mL/s" for k in range(1, 26)) + "], drain_gap: ["
@@ -142,8 +143,6 @@ def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeyp
 
     for name in ("load_scene", "code_used", "read_yaml"):
         counted(name, getattr(plan, name))
-    for cached in (plan.cached_study, plan.cached_scene, plan._scene_text, plan._code_digest):
-        cached.cache_clear()
     studies = Studies(Workflow({"scenes": ["tiny"], "accuracy": "draft"}))
     cases = [Path(folder).name for folder in studies.case_folders("small", "draft")]
     assert len(cases) == 1000

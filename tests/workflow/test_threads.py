@@ -141,7 +141,7 @@ def test_stages_refuse_threads_beyond_the_cores_before_all_else(tmp_path, stage)
 # Snakemake
 
 @pytest.fixture
-def flow(project, monkeypatch):
+def flow(project, monkeypatch, nothing_planned):
     """Return the workflow of a project on a computer with 64 cores."""
     monkeypatch.chdir(project.folder)
     for module in (study_workflow, scene_threads, threads):
