@@ -44,7 +44,7 @@ def taichi():
 
 @pytest.fixture
 def nothing_planned() -> Iterator[None]:
-    """Let no study be known from a folder of another test: a process keeps what it has read of the one that it is in."""
+    """Let no study be known from the folder of another test: a process keeps what it has read."""
     from pipeline.study_kit import plan
 
     kept = plan.cached_study, plan.cached_scene, plan._scene_text, plan._code_digest
