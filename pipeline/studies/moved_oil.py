@@ -88,7 +88,7 @@ def changed(case: Parameters, scene: Scene) -> Scene:
     if case.movement == STANDING_UP:
         numerics = dataclasses.replace(numerics, maximum_time_step=LONGEST_STEP)
         effects["gravity"] = dataclasses.replace(weight, posture="supine",
-                                                 turns=(Turn(SETTLE, "upright", case.turn_lasts),))
+                                                 turns=(Turn(SETTLE, "upright", duration=case.turn_lasts),))
     else:
         effects["eye_rotation"] = EyeRotationParameters((saccade_of(case),))
     initial = dataclasses.replace(scene.initial, fill={case.oil: case.fill, scene.liquids[0].name: 1.0 - case.fill})

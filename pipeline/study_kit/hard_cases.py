@@ -195,12 +195,12 @@ def open_tank(scheme: str, *, liquids: Sequence[Liquid] = (AQUEOUS, OIL), effect
 
 # Schemes that choose a speed of sound see at the start all that a case may bring.
 WORST_GRAVITY = {"magnitude": GRAVITY, "posture": "upright",
-                 "turns": (Turn(0.0, "left_side", 0.3), Turn(0.4, "right_side", 0.3))}
+                 "turns": (Turn(0.0, "left_side", duration=0.3), Turn(0.4, "right_side", duration=0.3))}
 
 
 def flip_at_once(tank: Tank) -> None:
     """From lying on the right side to lying on the left, between two steps."""
-    tank.set_gravity(posture="right_side", turns=(Turn(0.05, "left_side", 1e-6),))
+    tank.set_gravity(posture="right_side", turns=(Turn(0.05, "left_side", duration=1e-6),))
 
 
 def saccade(tank: Tank, degrees: float, duration: float) -> None:
@@ -210,7 +210,7 @@ def saccade(tank: Tank, degrees: float, duration: float) -> None:
 
 def saccade_on_the_side(tank: Tank) -> None:
     """90 degrees in 0.3 s, with gravity, which turns in the frame of the eye."""
-    tank.set_gravity(turns=(Turn(0.0, "left_side", 0.3),))
+    tank.set_gravity(turns=(Turn(0.0, "left_side", duration=0.3),))
     saccade(tank, 90.0, 0.3)
 
 

@@ -105,7 +105,8 @@ def gravity_of(solver, **parameters):
 
 
 def test_gravity_turns_with_the_posture(tank):
-    gravity = gravity_of(tank, posture="upright", turns=(Turn(1.0, "prone", 2.0), Turn(5.0, "supine", 1.0)))
+    gravity = gravity_of(tank, posture="upright", turns=(Turn(1.0, "prone", duration=2.0),
+                                                           Turn(5.0, "supine", duration=1.0)))
     for time, direction in ((0.0, "upright"), (1.0, "upright"), (3.0, "prone"), (4.9, "prone"), (6.0, "supine"),
                             (9.0, "supine")):
         np.testing.assert_allclose(gravity.direction(time), POSTURES[direction], atol=1e-12)
