@@ -54,7 +54,7 @@ class ImportedMesh:
     warnings: tuple[str, ...]
 
 
-def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> ImportedMesh:
+def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_origin: bool = True) -> ImportedMesh:
     """Read and repair the surface of a cavity.
 
     Parameters
@@ -62,6 +62,7 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
     path : STL, OBJ, PLY, VTK, VTP, VTU or MSH file; of a volume mesh the outer surface is taken.
     unit : unit of length of the file: "m", "cm", "mm" or "um".
     force : accept a size and a volume unlike an eye's.
+    to_origin : move a globe that is far from the origin there; not where landmarks in the coordinates of the file follow.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False) -> Impo
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
                         "eye's (eye.force: true accepts any volume)")
     offset = globe_center(mesh)
-    if np.linalg.norm(offset) > LARGEST_OFFSET:
+    if to_origin and np.linalg.norm(offset) > LARGEST_OFFSET:
         mesh.apply_translation(-offset)
         repairs.append("moved the center of the globe to the origin, from "
                        f"({', '.join(f'{1e3 * value:.1f}' for value in offset)}) mm")

@@ -40,7 +40,7 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
     from pipeline.cavity.mesh_import import import_mesh
 
-    imported = import_mesh(eye.path, eye.unit, eye.force)
+    imported = import_mesh(eye.path, eye.unit, eye.force, to_origin=eye.landmarks is None)
     mesh, lies = laid(imported.mesh, eye.landmarks, eye.side, eye.path)
     return mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
                   "warnings": list(imported.warnings), "orientation": lies}

@@ -159,6 +159,13 @@ def test_a_mesh_is_turned_by_its_landmarks(elsewhere, plain):
                                   superior=direction([0, 1, 0])), "left", "eye.stl")
 
 
+def test_landmarks_are_in_the_coordinates_of_a_file_far_from_the_origin(elsewhere, plain, tmp_path):
+    elsewhere.copy().apply_scale(1e3).export(tmp_path / "eye.ply")
+    marks = Landmarks(fovea=tuple(placed([0, 0, plain.bounds[0, 2]])[0]), superior=direction([0, 1, 0]))
+    mesh, _ = cavity_mesh(Eye(model="mesh", path=str(tmp_path / "eye.ply"), landmarks=marks))
+    np.testing.assert_allclose(mesh.bounds, plain.bounds, atol=0.4e-3)
+
+
 def test_the_front_of_a_mesh_is_found_and_said(elsewhere, plain):
     mesh, said = laid(elsewhere, Landmarks(superior=direction([0, 1, 0])), "right", "eye.stl")
     np.testing.assert_allclose(mesh.bounds, plain.bounds, atol=0.4e-3)

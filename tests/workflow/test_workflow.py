@@ -1,4 +1,5 @@
 """Snakemake: every scene can be planned, one runs end to end, a killed run goes on, and wrong input is a sentence."""
+import dataclasses
 import os
 import runpy
 import shutil
@@ -17,6 +18,7 @@ from pipeline.base.digest import modules_used
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
 from pipeline.scenes.load import load_accuracy_levels, load_scene
+from pipeline.scenes.model import Eye, Landmarks
 from pipeline.workflow import digest
 
 SCENES = sorted(path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml"))
@@ -148,13 +150,21 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
                               for name in ("tiny", "red", "long", "thick"))
 
     def changed(scene):
-        scene = digest.dataclasses.replace(scene, name="tiny")
+        scene = dataclasses.replace(scene, name="tiny")
         return {stage for stage in digest.UNREAD
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
     assert changed(red) == {"render", "index_run"}
     assert changed(long) == {"advise", "cost", "estimate"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
+
+
+def test_the_side_of_an_eye_counts_for_its_surface_where_landmarks_turn_a_mesh():
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    for landmarks, counts in ((None, False), (Landmarks(optic_disc=(5e-3, 3e-3, -10e-3)), True)):
+        sides = {side: digest.stage_digest("eye", dataclasses.replace(scene, eye=Eye(
+            model="mesh", path="eye.stl", landmarks=landmarks, side=side))) for side in ("right", "left")}
+        assert (sides["right"] != sides["left"]) == counts
 
 
 # A whole run
