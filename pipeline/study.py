@@ -16,7 +16,7 @@ from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import Case, load_study, study_names
-from pipeline.study_report import OUTPUTS, write_study
+from pipeline.study_kit.report import OUTPUTS, write_study
 
 
 def precision_of(case: Case) -> str:

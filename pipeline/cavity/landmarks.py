@@ -8,8 +8,8 @@ import trimesh
 from pipeline.base.errors import UserError
 from pipeline.cavity.mesh_import import center_of_sphere
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
-from pipeline.pictures.fundus_map import DISC_RISE
 from pipeline.scenes.model import Landmarks
+from pipeline.scenes.retina import DISC_RISE
 
 FARTHEST = 4e-3                     # m, of fovea and disc from the surface
 DISC_DISTANCES = (2e-3, 9e-3)       # m, of the disc from the fovea across the axis: 4.8 mm in most eyes

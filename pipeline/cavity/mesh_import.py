@@ -62,7 +62,7 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_orig
     path : STL, OBJ, PLY, VTK, VTP, VTU or MSH file; of a volume mesh the outer surface is taken.
     unit : unit of length of the file: "m", "cm", "mm" or "um".
     force : accept a size and a volume unlike an eye's.
-    to_origin : move a globe that is far from the origin there; not where landmarks in the coordinates of the file follow.
+    to_origin : move a globe that is far from the origin there; not where landmarks say where it is in the file.
 
     Raises
     ------

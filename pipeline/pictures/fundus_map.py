@@ -16,11 +16,11 @@ from skimage.measure import find_contours
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
 from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
-from pipeline.scenes.retina import FRONT, ORA, globe_radius
+from pipeline.scenes.retina import DISC_RISE, FRONT, ORA, globe_radius
 
 EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 # The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
-DISC_DISTANCE, DISC_RADIUS, DISC_RISE = 4.76e-3, 0.89e-3, 7.0   # m, m, degrees above the horizontal
+DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
 LINE, BREAK_COLOR = (255, 255, 255), (214, 39, 40)
 

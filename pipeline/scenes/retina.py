@@ -14,6 +14,7 @@ FRONT = 135.0               # degrees to the front edge of the pars plana, which
 ASSUMED_HEIGHT = 10.0       # degrees, of a break whose width alone is told: 2 mm
 STEP = 2.5                  # degrees between the points of a patch, at most
 OUTLINE = 60                # points of each side of an outline
+DISC_RISE = 7.0             # degrees, by which the optic disc is above the horizontal through the fovea
 # Parts of the chart -> clock hours of the middle, in a right eye, and width in hours.
 PARTS = {"superior": (12.0, 6.0), "nasal": (3.0, 6.0), "inferior": (6.0, 6.0), "temporal": (9.0, 6.0),
          "superior_nasal": (1.5, 3.0), "inferior_nasal": (4.5, 3.0), "inferior_temporal": (7.5, 3.0),

@@ -2,7 +2,7 @@
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.study_kit.plan import Study, cached_study, study_names
-from pipeline.study_report import SO_FAR, outcomes_so_far, write_study
+from pipeline.study_kit.report import SO_FAR, outcomes_so_far, write_study
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
 from sim.cores import USEFUL_THREADS, available_cores

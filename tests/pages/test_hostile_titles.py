@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 from PIL import Image, ImageDraw
 
-from pipeline import bodies, cost, study_report
+from pipeline import bodies, cost
 from pipeline.advice import report
 from pipeline.exchange.paraview_view import view_script
 from pipeline.measures import plots
@@ -16,6 +16,7 @@ from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
 from pipeline.pictures.marks import font, header
 from pipeline.scenes.load import load_scene
+from pipeline.study_kit import report as study_report
 from pipeline.study_kit.model import Curve, Figure, Outcome
 from pipeline.study_kit.plan import load_study
 

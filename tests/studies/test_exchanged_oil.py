@@ -10,8 +10,8 @@ from pipeline.scenes.load import load_scene
 from pipeline.studies import cannula_flow, exchanged_oil
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import load_study
+from pipeline.study_kit.report import write_study
 from pipeline.study_kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, PIECES
-from pipeline.study_report import write_study
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pipeline.studies import filled_eye
 from pipeline.study_kit.filled_eye_page import PARTS, SPHERE, Shares
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import load_study
-from pipeline.study_report import write_study
+from pipeline.study_kit.report import write_study
 
 FILLS = (0.7, 0.8, 0.9)
 

@@ -13,6 +13,7 @@ from pipeline.studies import moved_oil
 from pipeline.studies.turned_sphere import Turned
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import load_study
+from pipeline.study_kit.report import write_study
 from pipeline.study_kit.resting_eye import depth_in_oil
 from pipeline.study_kit.surgeons_words import (
     COURSES,
@@ -27,7 +28,6 @@ from pipeline.study_kit.surgeons_words import (
     WAY_LEFT,
     time_to_make,
 )
-from pipeline.study_report import write_study
 from sim.effects.eye_rotation import Saccade
 
 SPACING = 1e-3

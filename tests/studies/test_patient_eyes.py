@@ -12,7 +12,7 @@ from pipeline.study_kit.filled_eye_page import PARTS
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.patient_eyes_page import Eyes, write_page
 from pipeline.study_kit.plan import load_study
-from pipeline.study_report import write_study
+from pipeline.study_kit.report import write_study
 
 sys.path.insert(0, str(ROOT / "tests" / "judges"))
 import surface_evolver

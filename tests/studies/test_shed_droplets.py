@@ -8,7 +8,7 @@ from pipeline.equilibrium.star_cavity import COARSE, StarCavity
 from pipeline.scenes.load import load_scene
 from pipeline.studies import shed_droplets
 from pipeline.study_kit.plan import load_study
-from pipeline.study_report import write_study
+from pipeline.study_kit.report import write_study
 
 RADIUS = 11e-3
 UP = np.array([0.0, 1.0, 0.0])

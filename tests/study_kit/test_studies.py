@@ -18,7 +18,7 @@ from pipeline.study import run_case
 from pipeline.study_kit import plan
 from pipeline.study_kit.model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.plan import load_study, study_names
-from pipeline.study_report import summary
+from pipeline.study_kit.report import summary
 from pipeline.workflow.scenes import Workflow
 from pipeline.workflow.studies import Studies
 
