@@ -43,6 +43,11 @@ def end_future(folder: Path) -> None:
             os.utime(path)
 
 
+def logs_below(outputs: Path) -> list[Path]:
+    """Return the logs of comparisons, of scenes at a level, and of studies at a level, which lie one folder deeper."""
+    return sorted(log for folder in ("*", "*/*", "studies/*/*") for log in outputs.glob(f"{folder}/logs/*.log"))
+
+
 def changes(logs: Iterable[Path]) -> dict[Path, tuple[int, int]]:
     """Return what changes when one writes to files, whatever the clock does: date (ns) and size of each."""
     return {log: (log.stat().st_mtime_ns, log.stat().st_size) for log in logs}

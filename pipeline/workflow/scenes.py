@@ -21,7 +21,7 @@ from pipeline.study_kit.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
-from pipeline.workflow.mending import changes, end_future, hold, set_aside_damaged
+from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged
 from sim.cores import USEFUL_THREADS
 
 SCENES = Path("config/scenes")
@@ -258,7 +258,7 @@ class Workflow:
         The kernel gives the lock back however the run ends, so that none is left behind by ``kill -9``.
         """
         probe(OUTPUTS)
-        self._logs = changes(self._all_logs())
+        self._logs = changes(logs_below(OUTPUTS))
         try:
             self._lock = hold(OUTPUTS)
         except BlockingIOError:
@@ -280,7 +280,7 @@ class Workflow:
         Damaged files that they name are set aside.
         """
         sentences = []
-        for log, state in changes(self._all_logs()).items():
+        for log, state in changes(logs_below(OUTPUTS)).items():
             if self._logs.get(log) != state:
                 sentences += [line.removeprefix("error: ") for line in log.read_text(
                     encoding="utf-8", errors="replace").splitlines() if line.startswith("error: ")]
@@ -289,8 +289,3 @@ class Workflow:
         for name, level in self._scenes:
             for sentence in set_aside_damaged(OUTPUTS / name / level, sentences):
                 print(sentence, file=sys.stderr)
-
-    @staticmethod
-    def _all_logs() -> list[Path]:
-        """Return the logs of all scenes and studies."""
-        return sorted(log for depth in ("", "*/", "*/*/") for log in OUTPUTS.glob(f"{depth}logs/*.log"))

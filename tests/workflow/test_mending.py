@@ -10,7 +10,7 @@ from snakemake_output import TRACE
 from synthetic_frames import make_frame
 
 from pipeline.base.frame_files import frame_path, save_checkpoint, write_frame
-from pipeline.workflow.mending import changes, end_future, hold, set_aside_damaged
+from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged
 
 
 def flip(path, place=-200):
@@ -60,6 +60,15 @@ def test_dates_in_the_future_end(tmp_path):
     end_future(tmp_path)
     assert (tmp_path / "old/file").stat().st_mtime == pytest.approx(now - 1e6)
     assert now - 1.0 <= (tmp_path / "ahead/file").stat().st_mtime <= time.time() + 1.0
+
+
+def test_logs_of_scenes_and_studies_are_known(tmp_path):
+    logs = {tmp_path / name for name in ("eye/logs/compare_draft_fine.log", "eye/draft/logs/eye.log",
+                                         "studies/validation/draft/logs/couette-2.log")}
+    for log in logs:
+        log.parent.mkdir(parents=True)
+        log.touch()
+    assert set(logs_below(tmp_path)) == logs
 
 
 def test_logs_written_under_a_clock_that_was_put_back_are_seen(tmp_path):
