@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
-from pipeline.base.project import PROJECT
+from pipeline.base.project import PROJECT, project_around
 from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
@@ -21,7 +21,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
 TAKEN_OF_LEVELS = ("logs", "all")  # a folder beside those of levels, and what means every level
-PROJECT_CONFIG = PROJECT / "config"
+PROJECT_CONFIG = (project_around(Path.cwd()) or PROJECT) / "config"  # who works in a folder with one works with that
 
 
 def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | Path | None = None) -> Scene:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
-from pipeline.base.project import PROJECT, SNAKEFILE
+from pipeline.base.project import PROJECT, SNAKEFILE, is_project, project_around
 
 CONFIG = Path("config")
 CORES = ("-j", "-c", "--jobs", "--cores")
@@ -46,12 +46,8 @@ def project_folder(folder: str | os.PathLike | None = None) -> Path:
     ------
     UserError : the folder has a ``config`` of something else.
     """
-    if folder is not None:
-        chosen = Path(folder).resolve()
-    else:
-        here = Path.cwd()
-        chosen = next((one for one in (here, *here.parents) if _is_project(one)), here)
-    if not _is_project(chosen):
+    chosen = Path(folder).resolve() if folder is not None else project_around(Path.cwd()) or Path.cwd()
+    if not is_project(chosen):
         config = chosen / CONFIG
         if config.exists():
             raise UserError(f"{config}: holds no scenes of this project; choose another folder")
@@ -59,10 +55,6 @@ def project_folder(folder: str | os.PathLike | None = None) -> Path:
         with replacing_folder(config) as partial:
             shutil.copytree(PROJECT / CONFIG, partial, dirs_exist_ok=True)
     return chosen
-
-
-def _is_project(folder: Path) -> bool:
-    return (folder / CONFIG / "scenes").is_dir() and (folder / CONFIG / "materials.yaml").is_file()
 
 
 if __name__ == "__main__":

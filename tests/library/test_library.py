@@ -1,5 +1,6 @@
 """The pipeline from Python: changes of a scene become a file, errors are one exception, results are objects."""
 import dataclasses
+import os
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,15 @@ def test_project_is_found_from_a_folder_within(scenes, monkeypatch):
     within.mkdir()
     monkeypatch.chdir(within)
     assert project_folder() == scenes.parents[1]
+
+
+def test_what_was_changed_in_a_folder_counts_there(scenes):
+    plan = scenes.parent / "plan.yaml"
+    plan.write_text(plan.read_text().replace("largest_fill: 95 %", "largest_fill: 91 %"))
+    code = "from pipeline.planning.settings import load_settings; print(load_settings()[0].largest_fill)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=scenes, env=os.environ | {"PYTHONPATH": str(ROOT)},
+                          capture_output=True, text=True)
+    assert done.stdout == "0.91\n", done.stderr
 
 
 def test_config_of_something_else_is_left_alone(tmp_path):
