@@ -47,7 +47,7 @@ def nothing_planned() -> Iterator[None]:
     """Let no study be known from the folder of another test: a process keeps what it has read."""
     from pipeline.study_kit import plan
 
-    kept = plan.cached_study, plan.cached_scene, plan._scene_text, plan._code_digest
+    kept = plan.cached_study, plan.cached_scene, plan.project_materials, plan._scene_text, plan._code_digest
     for one in kept:
         one.cache_clear()
     yield

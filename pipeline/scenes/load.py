@@ -12,7 +12,7 @@ from pipeline.base.project import PROJECT, project_around
 from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.materials import load_materials, read_liquids
-from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Scene
+from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Material, Scene
 from pipeline.scenes.paths import file_of_project, project_of
 from pipeline.scenes.reader import FAILED, Errors, Find, NotRead, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
@@ -67,6 +67,12 @@ def load_resolved(path: str | Path) -> Scene:
         errors.add(key, message)
     errors.raise_any()
     return scene
+
+
+@functools.cache
+def project_materials() -> dict[str, Material]:
+    """Return the liquids of ``config/materials.yaml`` by name, read once in a process."""
+    return load_materials(PROJECT_CONFIG / "materials.yaml")
 
 
 class _Resolver:

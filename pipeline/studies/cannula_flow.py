@@ -11,11 +11,9 @@ docs/methods/injection.md.
 import dataclasses
 import math
 
-from pipeline.scenes.load import PROJECT_CONFIG
-from pipeline.scenes.materials import load_materials
-from pipeline.studies.moved_oil import OILS
+from pipeline.scenes.load import project_materials
 from pipeline.study_kit.model import Outcome, Row
-from pipeline.study_kit.surgeons_words import CANNULAS
+from pipeline.study_kit.surgeons_words import CANNULAS, OILS
 from sim.parameters import parameter
 
 MILLIMETER_OF_MERCURY = 133.322  # Pa
@@ -58,9 +56,14 @@ def flow(pressure: float, viscosity: float, radius: float, length: float) -> flo
     return pressure * radius**3 / (viscosity * (8.0 * length / (math.pi * radius) + 3.0))
 
 
+def liquids(case: Parameters) -> tuple[str, ...]:
+    """Liquids of ``config/materials.yaml`` that the case reads."""
+    return OILS
+
+
 def run(case: Parameters) -> Outcome:
     """Compute flows and times of all oils."""
-    materials = load_materials(PROJECT_CONFIG / "materials.yaml")
+    materials = project_materials()
     lines, outcome = [], Outcome()
     for name in OILS:
         oil = materials[name]

@@ -19,13 +19,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.base.progress import progress
-from pipeline.scenes.load import PROJECT_CONFIG
-from pipeline.scenes.materials import load_materials
+from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
-from pipeline.studies.moved_oil import OILS
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.resting_eye import RestingEye, liquids_at_rest, rest_of
-from pipeline.study_kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, PIECES
+from pipeline.study_kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, OILS, PIECES
 from sim.errors import RunError
 from sim.parameters import parameter
 
@@ -61,9 +59,14 @@ def solves(case: Parameters) -> str:
     return SCENES[case.exchange]
 
 
+def liquids(case: Parameters) -> tuple[str, ...]:
+    """Liquids of ``config/materials.yaml`` that the case reads."""
+    return (case.oil,)
+
+
 def changed(case: Parameters, scene: Scene) -> Scene:
     """Return the scene with the oil, the tips and the flow of a case."""
-    material = load_materials(PROJECT_CONFIG / "materials.yaml")[case.oil]
+    material = project_materials()[case.oil]
     aqueous, oil = scene.liquids[0], dataclasses.replace(material, dynamic_viscosity=case.viscosity)
     removal = case.exchange == "removal"
     effects = scene.effects | {

@@ -16,8 +16,7 @@ import numpy as np
 from pipeline.base.progress import progress
 from pipeline.measures.interface_shift import InterfaceShift
 from pipeline.measures.rotation_metrics import retina_shear_stress
-from pipeline.scenes.load import PROJECT_CONFIG
-from pipeline.scenes.materials import load_materials
+from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
 from pipeline.studies.turned_sphere import Turned
 from pipeline.study_kit.model import Outcome, Row
@@ -28,6 +27,7 @@ from pipeline.study_kit.surgeons_words import (
     HIGH_STRESS,
     JOLT,
     MOVEMENTS,
+    OILS,
     SACCADES,
     SHIFT,
     STANDING_UP,
@@ -40,7 +40,6 @@ from sim.effects.gravity import Jolt, Turn
 from sim.parameters import parameter
 
 SCENE = "resting_eye"
-OILS = ("silicone_oil_1000", "silicone_oil_2000", "silicone_oil_5000", "silicone_oil_5700", "heavy_oil_densiron_68")
 SETTLE = 0.2            # s, in which the particles find their places before anything moves
 AFTER = 0.05            # s, watched after a movement
 READINGS = 12           # of a saccade and of a jolt
@@ -78,9 +77,14 @@ def solves(case: Parameters) -> str:
     return SCENE
 
 
+def liquids(case: Parameters) -> tuple[str, ...]:
+    """Liquids of ``config/materials.yaml`` that the case reads."""
+    return (case.oil,)
+
+
 def changed(case: Parameters, scene: Scene) -> Scene:
     """Return the scene with the oil and the movements of a case."""
-    oil = load_materials(PROJECT_CONFIG / "materials.yaml")[case.oil]
+    oil = project_materials()[case.oil]
     numerics = dataclasses.replace(scene.numerics, particle_spacing=case.coarser * scene.numerics.particle_spacing,
                                    precision=case.precision, threads=0)
     effects = dict(scene.effects)

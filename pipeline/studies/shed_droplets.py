@@ -17,10 +17,8 @@ from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import Rest
 from pipeline.planning.settings import postures
-from pipeline.scenes.load import PROJECT_CONFIG
-from pipeline.scenes.materials import load_materials
+from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
-from pipeline.studies.moved_oil import OILS
 from pipeline.study_kit.model import Outcome, Row, compared
 from pipeline.study_kit.resting_eye import RestingEye, rest_of
 from pipeline.study_kit.surgeons_words import (
@@ -30,6 +28,7 @@ from pipeline.study_kit.surgeons_words import (
     LINE_BY_PARTICLES,
     MOVEMENT,
     OIL,
+    OILS,
     POSTURE,
     SHED,
     TENSION,
@@ -84,6 +83,11 @@ def solves(case: Parameters) -> str:
     return SCENE
 
 
+def liquids(case: Parameters) -> tuple[str, ...]:
+    """Liquids of ``config/materials.yaml`` that the case reads."""
+    return (case.oil, *case.oils)
+
+
 def run(case: Parameters, scene: Scene) -> Outcome:
     """Change one thing at a time; or measure the line on particles."""
     return _by_particles(case, scene) if case.particles else Study(case, scene).outcome()
@@ -94,7 +98,7 @@ class Study:
 
     def __init__(self, case: Parameters, scene: Scene):
         self.case, self.scene = case, scene
-        self.materials = load_materials(PROJECT_CONFIG / "materials.yaml")
+        self.materials = project_materials()
         self._shapes: dict[tuple, Rest] = {}
 
     def outcome(self) -> Outcome:

@@ -15,7 +15,7 @@ from typing import Any
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
-from pipeline.scenes.load import PROJECT_CONFIG, load_scene
+from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
 from pipeline.scenes.yaml_files import read_yaml
@@ -74,8 +74,11 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        scenes = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
-        values = json.dumps([dataclasses.asdict(self.parameters), *scenes], sort_keys=True)
+        read = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
+        if hasattr(self.family, "liquids"):
+            liquids = (project_materials()[name] for name in self.family.liquids(self.parameters))
+            read += [[liquid.density, liquid.dynamic_viscosity] for liquid in liquids]
+        values = json.dumps([dataclasses.asdict(self.parameters), *read], sort_keys=True)
         return shortened(values, _code_digest(self.family.__name__, frozenset(chosen)))
 
 

@@ -2,6 +2,7 @@
 
 They are apart from both, so that a better page runs no case again.
 """
+OILS = ("silicone_oil_1000", "silicone_oil_2000", "silicone_oil_5000", "silicone_oil_5700", "heavy_oil_densiron_68")
 SACCADES, JOLT, STANDING_UP = "saccades", "jolt", "standing_up"
 STRESS, HIGH_STRESS = "stress, mean of the retina", "stress that 1 % of the retina exceeds"
 SHIFT = "shift of the interface"

@@ -1,6 +1,7 @@
 """Studies: their plans, what a case returns, the table, and that a rerun repeats only what changed."""
 import csv
 import dataclasses
+import importlib
 import math
 import sys
 import types
@@ -159,6 +160,23 @@ def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
     study = load_study(name, accuracy)
     assert study.cases and len(set(study.pictures())) == len(study.pictures())
     assert all(case.digest() for case in study.cases.values())
+
+
+@pytest.mark.parametrize("name", ["cannula_flow", "exchanged_oil", "moved_oil", "shed_droplets"])
+def test_liquids_that_a_case_reads_count_for_its_outcome(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    case = next(case for study in ("injection_study", "oil_study", "emulsion_study")
+                for case in load_study(study).cases.values() if case.family.__name__.endswith(f".{name}"))
+    before, known = case.digest(), plan.project_materials()
+    oil = dataclasses.replace(known[case.family.liquids(case.parameters)[0]], dynamic_viscosity=7.0)
+    monkeypatch.setattr(plan, "project_materials", lambda: known | {oil.name: oil})
+    assert case.digest() != before
+
+
+def test_families_that_read_liquids_say_which():
+    families = [importlib.import_module(f"pipeline.studies.{name}") for name in plan.family_names()]
+    reading = [one for one in families if hasattr(one, "project_materials")]
+    assert reading and all(hasattr(one, "liquids") for one in reading)
 
 
 def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
