@@ -13,7 +13,7 @@ rule software:
         ),
         table="outputs/software.csv",
     params:
-        depends=packages_digest(),
+        depends=lambda w: packages_digest(),
     message:
         "list the packages that are installed"
     shell:

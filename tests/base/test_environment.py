@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pipeline import software
-from pipeline.base.packages import Package, packages
+from pipeline.base.packages import Package, packages, packages_digest
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
@@ -69,6 +69,19 @@ def test_packages_are_told_with_version_and_license(capsys):
     found = {one.name: one for one in packages()}
     assert found["numpy"].version == locked(f"3.{sys.version_info.minor}")["numpy"]
     assert "BSD" in found["numpy"].license and found["pyvista"].license == "MIT"
+
+
+def test_packages_that_say_nothing_readable_are_told_too(tmp_path, monkeypatch):
+    before = packages_digest()
+    (tmp_path / "broken-1.0.dist-info").mkdir()
+    info = tmp_path / "latin-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: latin\nVersion: 1.0\n")
+    (info / "RECORD").write_text("latin-1.0.dist-info/LICENSE,,\nlatin-1.0.dist-info/LICENSE.lost,,\n")
+    (info / "LICENSE").write_bytes("M\xfcller's license\n".encode("latin-1"))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [one for one in packages() if one.name == "latin"] == [Package("latin", "1.0", "M\ufffdller's license")]
+    assert packages_digest() != before
 
 
 def test_page_of_the_packages_escapes_them():
