@@ -16,13 +16,15 @@ for other eyes the shapes are computed, some seconds for each oil and posture, a
 This is an illustration of physics, not for decisions on a patient.
 """
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
+from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.planning.confirm import confirmation
+from pipeline.planning.confirm import BREAK, confirmation
 from pipeline.planning.plan import plan_fill, question_of
 from pipeline.planning.report import NO_ADVICE
 from pipeline.planning.search import CACHE, write_map
@@ -31,7 +33,10 @@ from pipeline.planning.sequence import html_of as sequence_page
 from pipeline.planning.sequence import sequence_of
 from pipeline.planning.sequence import text_of as sequence_text
 from pipeline.planning.settings import postures
+from pipeline.scenes.checks import NAME
+from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES
+from pipeline.scenes.yaml_files import read_yaml
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -45,14 +50,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{count} tables of the default eye")
         return
     if options.sequence is not None:
+        if options.place is not None or options.confirm is not None:
+            parser.error("--sequence asks about the breaks of its scene; leave out --break and --confirm")
         _write(options.output, sequence_of(options.sequence), sequence_text, sequence_page)
         return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
+    if options.confirm is not None:
+        _refuse_to_confirm_in(options.confirm)
     plan = plan_fill(options.place, options.size, postures=_names(options.postures), eye=_eye(options),
                      cache=options.cache, **given)
     if options.confirm is not None:
-        _write_if_new(options.confirm, plan.scene())
+        write_text(options.confirm, plan.scene())  # unchanged it keeps its date, and what was made of it stays
     if options.output is None:
         sys.stdout.write(plan.text())
     else:
@@ -61,10 +70,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("\n".join(confirmation(options.confirm, plan.question, plan.answers[0])))
 
 
-def _write_if_new(path: Path, text: str) -> None:
-    """Write a file, unless it is as it should be: what was made from it stays up to date."""
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        write_text(path, text)
+def _refuse_to_confirm_in(path: Path) -> None:
+    """Raise where a file cannot be a confirming scene: it would not be found, or take the place of another scene."""
+    scenes = PROJECT_CONFIG / "scenes"
+    if path.parent.resolve() != scenes.resolve() or path.suffix != ".yaml" or not re.fullmatch(NAME, path.stem):
+        raise UserError(f"--confirm is {path}, but must be a file in {scenes}, where scenes are looked for, with a "
+                        'name of letters, digits, "_" and "-", such as my_plan.yaml')
+    if path.is_file() and [one.get("name") for one in read_yaml(path).get("breaks") or ()] != [BREAK]:
+        raise UserError(f"--confirm is {path}, which is a scene that confirms no plan; choose another name")
 
 
 def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:

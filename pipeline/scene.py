@@ -1,4 +1,4 @@
-"""Stage 1: a scene file in YAML becomes a resolved scene in SI units with every default filled in."""
+"""Stage: a scene file in YAML becomes a resolved scene in SI units with every default filled in."""
 import argparse
 import sys
 from pathlib import Path

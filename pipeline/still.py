@@ -24,7 +24,8 @@ SMOOTHING = 0.8                 # cells, over which the distance to the oil is a
 MARGIN = 1.6e-3                 # m around the wall: its thickness and a bit
 INNER_COLORS = {                # share of the light that the inner side of the wall reflects, red green blue
     "retina": (0.72, 0.25, 0.12), "macula": (0.55, 0.15, 0.07), "pars_plana": (0.42, 0.24, 0.15),
-    "ciliary_body": (0.30, 0.18, 0.12), "lens": (0.80, 0.86, 0.90), "anterior": (0.42, 0.24, 0.15),
+    "ciliary_body": (0.30, 0.18, 0.12), "lens": (0.80, 0.86, 0.90), "cornea": (0.80, 0.86, 0.90),
+    "anterior": (0.42, 0.24, 0.15),
 }
 VIEW = (1.0, 0.36, 0.62)        # to the camera: toward the half that is taken away, up, across both
 VIEW_DISTANCE, VIEW_ANGLE = 85e-3, np.radians(18.0)
@@ -120,11 +121,11 @@ def clear_oils(scene: Scene) -> list[str]:
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """Width and height of "1600x900"; a ValueError, which argparse tells, for anything else."""
-    width, height = map(int, text.split("x"))
-    if not (16 <= width <= 8192 and 16 <= height <= 8192):
-        raise ValueError(text)
-    return width, height
+    """Width and height of "1600x900"."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 8192 and 16 <= int(height) <= 8192):
+        raise argparse.ArgumentTypeError(f"is {text}, but must be such as 1600x900, 16 to 8192 pixels each")
+    return int(width), int(height)
 
 
 def main(arguments: list[str] | None = None) -> None:

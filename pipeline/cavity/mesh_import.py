@@ -200,7 +200,8 @@ def _read_by_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
         refuse_cut_short(path)
     with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
         target = Path(folder) / "triangles.npz"
-        done = subprocess.run([sys.executable, vtk_reader.__file__, path, target], capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-P", vtk_reader.__file__, path, target], capture_output=True,
+                              text=True)  # -P: no file beside the reader takes the place of a library
         if done.returncode:
             reason = done.stderr.strip().splitlines()
             raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")

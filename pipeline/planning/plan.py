@@ -128,10 +128,11 @@ def read_eye(values: Mapping[str, Any]) -> Eye:
 
 
 def read_record(kind: type, values: Mapping[str, Any], base: object = None):
-    """Read values as those of a scene are read."""
-    errors = Errors("options")
+    """Read values as those of a scene are read; errors name them, and no file."""
+    errors = Errors("")
     record = Reader(errors).record(kind, dict(values), (), base)
-    errors.raise_any()
+    if errors.messages:
+        raise UserError(*(sentence.removeprefix(": ") for sentence in errors.messages))
     return record
 
 

@@ -46,23 +46,25 @@ def head_orientation(path: Path) -> list[list[float]]:
         raise UserError(f"it has {size} bytes, but at most {MOST_BYTES} can be read; leave out some lines")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
+            reader = csv.reader(file)
+            lines = [(reader.line_num, line) for line in reader if any(cell.strip() for cell in line)]
     except (UnicodeDecodeError, csv.Error):
         raise UserError("it is no CSV file in UTF-8: a header and lines of numbers between commas") from None
     if len(lines) < 2:
         raise UserError(f"it has no lines of numbers below a header of {COLUMNS}")
     if len(lines) - 1 > MOST_LINES:
         raise UserError(f"it has {len(lines) - 1} lines, but at most {MOST_LINES} can be read; leave out some")
-    columns = _columns(lines[0])
+    columns = _columns(lines[0][1])
     table = {name: [] for name in columns}
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in lines[1:]:
         if len(line) != len(columns):
             raise UserError(f"its line {number} has {len(line)} cells, but must have {len(columns)} as the header has")
         for (name, factor), cell in zip(columns.items(), line, strict=True):
             table[name].append(factor * _number(name, cell, number))
     time = np.array(table["time"])
-    down = _from_gravity(table) if GRAVITY[0] in table else _from_angles(table)
-    _check(time, down)
+    numbers = [number for number, _ in lines[1:]]
+    down = _from_gravity(table, numbers) if GRAVITY[0] in table else _from_angles(table)
+    _check(time, down, numbers)
     return [[float(moment), *map(float, one)] for moment, one in zip(time, down, strict=True)]
 
 
@@ -101,13 +103,13 @@ def _number(name: str, cell: str, line: int) -> float:
     return value
 
 
-def _from_gravity(table: dict[str, list[float]]) -> np.ndarray:
+def _from_gravity(table: dict[str, list[float]], numbers: list[int]) -> np.ndarray:
     down = np.array([table[name] for name in GRAVITY]).T
     length = np.linalg.norm(down, axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > LENGTH_ERROR)
     if len(wrong):
-        raise UserError(f"its line {wrong[0] + 2} has a gravity of {length[wrong[0]]:.3g} g, but its length must be 1 "
-                        f"g (within {100 * LENGTH_ERROR:g} %), for a head that rests or turns slowly")
+        raise UserError(f"its line {numbers[wrong[0]]} has a gravity of {length[wrong[0]]:.3g} g, but its length must "
+                        f"be 1 g (within {100 * LENGTH_ERROR:g} %), for a head that rests or turns slowly")
     return down / length[:, None]
 
 
@@ -117,22 +119,23 @@ def _from_angles(table: dict[str, list[float]]) -> np.ndarray:
     return np.stack([-np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll), -np.sin(pitch)], axis=1)
 
 
-def _check(time: np.ndarray, down: np.ndarray) -> None:
+def _check(time: np.ndarray, down: np.ndarray, numbers: list[int]) -> None:
+    """Refuse what no head does; ``numbers`` are those of the lines in the file."""
     if time[0] != 0.0:
         raise UserError(f"its first line is at {time[0]:g} s, but must be at 0, when the scene begins")
     step = np.diff(time)
     if (step <= 0.0).any():
         line = int(np.argmax(step <= 0.0))
-        raise UserError(f"its line {line + 3} is at {time[line + 1]:g} s, but must be later than the line before, at "
-                        f"{time[line]:g} s")
+        raise UserError(f"its line {numbers[line + 1]} is at {time[line + 1]:g} s, but must be later than the line "
+                        f"before, at {time[line]:g} s")
     turn = np.arccos(np.clip((down[1:] * down[:-1]).sum(axis=1), -1.0, 1.0))
     if (turn > LARGEST_TURN).any():
         line = int(np.argmax(turn > LARGEST_TURN))
-        raise UserError(f"its line {line + 3} is turned by {math.degrees(turn[line]):.0f} deg from the line before, "
-                        f"but at most {math.degrees(LARGEST_TURN):g} deg are allowed; add a line on the way")
+        raise UserError(f"its line {numbers[line + 1]} is turned by {math.degrees(turn[line]):.0f} deg from the line "
+                        f"before, but at most {math.degrees(LARGEST_TURN):g} deg are allowed; add a line on the way")
     gap = (step > GAP * np.median(step)) & (turn > TURN_IN_GAP) if len(step) else np.zeros(0, bool)
     if gap.any():
         line = int(np.argmax(gap))
-        raise UserError(f"it has a gap of {step[line]:g} s before its line {line + 3}, in which the head turns by "
-                        f"{math.degrees(turn[line]):.0f} deg, but at most {GAP * np.median(step):g} s (10 steps) are "
-                        "allowed then; add a line where the turn begins")
+        raise UserError(f"it has a gap of {step[line]:g} s before its line {numbers[line + 1]}, in which the head "
+                        f"turns by {math.degrees(turn[line]):.0f} deg, but at most {GAP * np.median(step):g} s (10 "
+                        "steps) are allowed then; add a line where the turn begins")

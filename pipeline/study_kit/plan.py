@@ -177,7 +177,8 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
                         f"{', '.join(study_names(folder))}")
     path, levels = folder / f"{name}.yaml", list(read_yaml(ACCURACY))
     if accuracy not in levels:
-        raise UserError(f'accuracy is "{accuracy}", but must be one of {", ".join(levels)}')
+        raise UserError(f'--accuracy is "{accuracy}", but must be one of {", ".join(levels)}'
+                        f"{nearest(accuracy, levels)}")
     data, errors = read_yaml(path), Errors(path)
     reader = Reader(errors)
     reader.refuse_unknown(data, KEYS, ())

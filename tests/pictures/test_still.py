@@ -4,6 +4,7 @@ import pytest
 
 from pipeline import still
 from pipeline.base.errors import UserError
+from pipeline.cavity.regions import CHAMBER_REGIONS, MESH_REGIONS
 from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.pictures.path_tracer import Camera, Light, Model, PathTracer
 
@@ -50,6 +51,17 @@ def test_up_is_against_gravity_and_the_eye_is_opened_across_it():
 def test_light_of_the_white_point_is_white():
     shown = still.developed(np.array([[[0.0] * 3, [still.WHITE / still.EXPOSURE] * 3]]))
     assert shown.tolist() == [[[0, 0, 0], [255, 255, 255]]]
+
+
+def test_every_part_of_a_wall_has_a_color():
+    assert {*CHAMBER_REGIONS, *MESH_REGIONS} == still.INNER_COLORS.keys()
+
+
+@pytest.mark.parametrize("size", ["10", "1600", "16x9000", "0x900", "wide x high"])
+def test_sizes_that_cannot_be_are_told(size, capsys):
+    with pytest.raises(SystemExit):
+        still.main(["scene.json", "eye.vtp", "frames", "surfaces", "--output", "still.png", "--size", size])
+    assert f"--size: is {size}, but must be such as 1600x900" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("options, sentence", [

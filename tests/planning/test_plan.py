@@ -20,9 +20,9 @@ from pipeline.scenes.model import Buckle, Eye
 from pipeline.scenes.retina import direction
 
 
-def plan(*arguments) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", "pipeline.plan", *map(str, arguments)], cwd=ROOT, capture_output=True,
-                          text=True)
+def plan(*arguments, folder=ROOT) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "pipeline.plan", *map(str, arguments)], cwd=folder,
+                          capture_output=True, text=True)
 
 
 def question(place: Break, *, margin: float = 0.0, oils=("silicone_oil_1000",), chosen=("upright",),
@@ -164,14 +164,15 @@ def test_tables_come_back_from_their_files(tmp_path):
 
 # The stage
 
-def test_the_stage_answers_in_words_and_as_a_page(tmp_path):
+def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     done = plan("--break", "6h,60deg", "--size", "2h", "--oil", "silicone_oil_1000", "--postures", "upright,prone")
     assert done.returncode == 0, done.stderr
     assert "The smallest fill that covers the break is silicone_oil_1000, prone: " in done.stdout
     assert "not for decisions on a patient" in done.stdout
     done = plan("--break", "6h,60deg", "--postures", "upright", "--oil", "silicone_oil_1000", "--output",
-                tmp_path / "plan.html", "--confirm", tmp_path / "confirming.yaml")
+                tmp_path / "plan.html", "--confirm", "config/scenes/confirming.yaml", folder=project.folder)
     assert done.returncode == 0, done.stderr
+    assert load_scene(project.folder / "config" / "scenes" / "confirming.yaml").breaks[0].name == "planned"
     html = (tmp_path / "plan.html").read_text()
     assert "not for decisions on a patient" in html and html.count("data:image/png") == 1
 
@@ -208,8 +209,11 @@ def test_a_confirming_scene_is_a_scene(tables, tmp_path):
     (["--break", "6h,60deg", "--size", "big"], "such as 60deg"),
     (["--break", "6h,60deg", "--postures", "sitting"], "known are upright, supine, prone, left_side, right_side"),
     (["--break", "6h,60deg", "--oil", "silicone_oil_100"], "(did you mean silicone_oil_1000?)"),
-    (["--break", "6h,60deg", "--axial-length", "24"], "axial_length"),
-    (["--break", "6h,60deg", "--largest-fill", "101 %"], "largest_fill"),
+    (["--break", "6h,60deg", "--axial-length", "24"], 'error: axial_length is "24", but must be at least'),
+    (["--break", "6h,60deg", "--largest-fill", "101 %"], 'error: largest_fill is "101 %", but must be'),
+    (["--break", "6h,60deg", "--confirm", "my_plan.yaml"], "my_plan.yaml, but must be a file in"),
+    (["--break", "6h,60deg", "--confirm", "config/scenes/my plan.yaml"], 'letters, digits, "_" and "-"'),
+    (["--break", "6h,60deg", "--confirm", "config/scenes/tamponade.yaml"], "a scene that confirms no plan"),
     (["--break", "6h,60deg", "--mesh", "nowhere.stl"], "nowhere.stl"),
 ])
 def test_wrong_input_is_one_sentence(arguments, sentence):

@@ -90,6 +90,7 @@ ANGLES = "time [s],pitch [deg],roll [deg]\n"
     ("time [s],pitch [deg]\n0,0\n", "its columns are time, pitch, but must be"),
     (ANGLES + "0,0,0\n1,,0\n", "its line 3 has a gap: pitch is empty"),
     (ANGLES + "0,0,0\n1,nan,0\n", 'its line 3 has a gap: pitch is "nan"'),
+    (ANGLES + "0,0,0\n\n,,\n2,0,0\n1,0,0\n", "its line 6 is at 1 s"),
     (ANGLES + "0,0,0\n1,0\n", "its line 3 has 2 cells, but must have 3"),
     (ANGLES + "0,0,0\n2,0,0\n1,0,0\n", "its line 4 is at 1 s, but must be later than the line before, at 2 s"),
     (ANGLES + "5,0,0\n6,0,0\n", "its first line is at 5 s, but must be at 0"),
