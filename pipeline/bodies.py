@@ -5,7 +5,6 @@ the liquid outweighs every other. Droplets below the particle spacing are no bod
 """
 import argparse
 import dataclasses
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from pipeline.base.words import no_formula
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.contour_lines import signed_area
-from pipeline.surfaces.surface_files import lines_of, read_surface, surface_path
+from pipeline.surfaces.surface_files import lines_of, read_statistics, read_surface, surface_path
 
 COLUMNS = {
     "frame": "number of the frame",
@@ -143,7 +142,7 @@ def measure(scene: Scene, folders: Iterable[Path]) -> list[dict[str, Any]]:
         raise UserError(f"{', '.join(map(str, folders))}: no surfaces there; run the reconstruct stage first")
     with progress(len(frames), f"{scene.name}: bodies") as bar:
         for path in frames:
-            time = float(json.loads(path.read_text())["time"])
+            time = float(read_statistics(path)["time"])
             for liquid in scene.liquids:
                 surface = read_surface(surface_path(path.parent, path.stem, liquid.name))
                 for number, body in enumerate(bodies_of(surface, spacing)):

@@ -6,7 +6,6 @@ liquids but the one around them, without what lies at the wall; ``wall``, the ca
 with what touches it; ``section``, of an eye; ``places``, its breaks and the regions that the scene names.
 """
 import dataclasses
-import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from pipeline.base.vtk_files import set_text, write_vtk
 from pipeline.cavity.rays import interpolation
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import direction, globe_radius
-from pipeline.surfaces.surface_files import read_surface, surface_path
+from pipeline.surfaces.surface_files import read_statistics, read_surface, surface_path
 
 AT_WALL = 0.1  # depth in particle spacings up to which a surface lies at the wall
 PLACE_STEP, BEFORE_WALL = 2.0, 0.995  # degrees between points of a place, at most; so much nearer to the center
@@ -61,7 +60,7 @@ def saved_frames(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[Saved
     for path in sorted((path for folder in frames for path in find_frames(folder)), key=lambda path: path.stem):
         if path.stem not in numbers:
             raise UserError(f"{path}: has no surfaces; run the reconstruct stage on its folder first")
-        time = float(json.loads(numbers[path.stem].read_text())["time"])
+        time = float(read_statistics(numbers[path.stem])["time"])
         found.append(SavedFrame(path.stem, time, path, numbers[path.stem].parent))
     return found
 

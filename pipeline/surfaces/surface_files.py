@@ -141,14 +141,30 @@ def read_wall(path: Path):
     return _read(path, "wall", hint=", with --eye")
 
 
-def read_retina(path: Path) -> dict[str, dict[str, float]]:
-    """Read how much of every part of the retina is covered in a frame, from its statistics (``.json``).
+def read_statistics(path: Path) -> dict:
+    """Read the numbers of the surfaces of a frame (``.json``): its ``time``, s, and more.
 
     Raises
     ------
-    UserError : the file is missing, or the reconstruct stage was not given the eye.
+    UserError : the file is missing or damaged.
     """
-    statistics = json.loads(Path(path).read_text()) if Path(path).is_file() else {}
+    try:
+        statistics = json.loads(Path(path).read_text(encoding="utf-8"))
+        float(statistics["time"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise UserError(f"{path}: does not hold the numbers of a frame's surfaces ({error}); run the reconstruct stage "
+                        "on its folder again") from error
+    return statistics
+
+
+def read_retina(path: Path) -> dict[str, dict[str, float]]:
+    """Read how much of every part of the retina is covered in a frame, from its statistics.
+
+    Raises
+    ------
+    UserError : the file is missing or damaged, or the reconstruct stage was not given the eye.
+    """
+    statistics = read_statistics(path)
     if "retina" not in statistics:
         raise UserError(f"{path}: does not tell what touches the retina; run the reconstruct stage first, with --eye")
     return statistics["retina"]

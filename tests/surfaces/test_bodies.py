@@ -100,6 +100,15 @@ def test_a_folder_without_surfaces_is_named(tmp_path):
         bodies.main([str(tmp_path / "scene.json"), str(tmp_path), "--output", str(tmp_path / "bodies.csv")])
 
 
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"time": null}'])
+def test_damaged_numbers_of_a_frame_are_named(run_folder, text):
+    numbers = run_folder / "segment_001" / "frame_00001.json"
+    numbers.write_text(text)
+    with pytest.raises(UserError, match=f"{numbers}: does not hold the numbers of a frame's surfaces"):
+        bodies.main([str(run_folder / name) for name in ("scene.json", "segment_000", "segment_001")]
+                    + ["--output", str(run_folder / "bodies.csv")])
+
+
 def test_table_is_in_the_units_of_its_heads(run_folder):
     """A ball of 3 mm, all of which lies at the wall, then the same one amid the cavity."""
     oil = mesh_of(balls(3, ((-4e-3, 1e-3, 2e-3), 3e-3)))
