@@ -16,28 +16,9 @@ from pipeline.measures.events import events_of
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.run_folder import read_run
 from pipeline.pages.run_page import page_of
-from pipeline.scenes.yaml_files import read_yaml
+from pipeline.scenes.yaml_files import scene_files
 
 SCENES = Path("config/scenes")
-
-
-def scene_files(path: Path) -> dict[str, str]:
-    """Return a scene file and those that it extends, name -> text.
-
-    Raises
-    ------
-    UserError : one is missing.
-    """
-    found: dict[str, str] = {}
-    while path.name not in found:
-        if not path.is_file():
-            raise UserError(f"{path}: no such file; name the file of the scene with --source")
-        found[path.name] = path.read_text(encoding="utf-8")
-        extended = read_yaml(path).get("extends")
-        if extended is None:
-            break
-        path = path.with_name(f"{extended}.yaml")
-    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -51,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = p.parse_args(arguments)
     found = read_run(options.folder)
     source = options.source or SCENES / f"{found.scene.name}.yaml"
+    if not source.is_file():
+        raise UserError(f"{source}: no such file; name the file of the scene with --source")
     sources, output = scene_files(source), options.output or options.folder / "index.html"
     text = page_of(found, shown=shown_metrics(found.table, found.metrics),
                    advice=report_of(found.scene, found.cavity_volume),

@@ -116,6 +116,25 @@ def read_extended(path: Path, errors: Errors, chain: tuple[Path, ...] = ()) -> d
     return _merge(inherited, data, (), path, errors)
 
 
+def scene_files(path: Path) -> dict[str, str]:
+    """Return a scene file and those that it extends, name -> text.
+
+    Raises
+    ------
+    UserError : one is missing.
+    """
+    found: dict[str, str] = {}
+    while path.name not in found:
+        if not path.is_file():
+            raise UserError(f"{path}: no such file")
+        found[path.name] = path.read_text(encoding="utf-8")
+        extended = read_yaml(path).get("extends")
+        if extended is None:
+            break
+        path = path.with_name(f"{extended}.yaml")
+    return found
+
+
 def sibling(path: Path, key: str, name: Any, chain: tuple[Path, ...]) -> Path:
     """Return the file of the scene ``name`` that ``key`` of the file ``path`` refers to.
 

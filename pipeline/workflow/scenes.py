@@ -17,6 +17,7 @@ from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, solver_threads
+from pipeline.scenes.yaml_files import scene_files
 from pipeline.study_kit.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
@@ -235,12 +236,12 @@ class Workflow:
 
     @staticmethod
     def page_texts(wildcards) -> str:
-        """Return a parameter that changes with the texts of a page that are no Python: scripts and scene file."""
+        """Return a parameter that changes with the texts of a page that are no Python: scripts and scene files."""
         from pipeline.base.digest import ROOT
 
         texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
-        texts.append(SCENES / f"{wildcards.scene}.yaml")
-        return sha256(b"".join(path.read_bytes() for path in sorted(texts)))
+        shown = _read(scene_files, SCENES / f"{wildcards.scene}.yaml")
+        return sha256(b"".join(path.read_bytes() for path in sorted(texts)) + "".join(shown.values()).encode())
 
     def tell_pages(self) -> None:
         """Print where the page and the pictures of every scene of this run are, as far as they have been made."""

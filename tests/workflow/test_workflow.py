@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import time
+import types
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pipeline.base.tables import read_table
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks
 from pipeline.workflow import digest
+from pipeline.workflow.scenes import Workflow
 
 SCENES = sorted(path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml"))
 LEVELS = list(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
@@ -165,6 +167,18 @@ def test_the_side_of_an_eye_counts_for_its_surface_where_landmarks_turn_a_mesh()
         sides = {side: digest.stage_digest("eye", dataclasses.replace(scene, eye=Eye(
             model="mesh", path="eye.stl", landmarks=landmarks, side=side))) for side in ("right", "left")}
         assert (sides["right"] != sides["left"]) == counts
+
+
+def test_a_page_shows_the_scene_file_and_those_that_it_extends_as_they_are(project, monkeypatch):
+    monkeypatch.chdir(project.folder)
+    wildcards = types.SimpleNamespace(scene="after")
+    project.write_scene("after", "extends: tiny\n")
+    texts = {Workflow.page_texts(wildcards)}
+    for name, more in (("tiny", "# why\n"), ("after", "# what for\n"), ("egg_thrown", "# not shown\n")):
+        file = project.folder / "config" / "scenes" / f"{name}.yaml"
+        file.write_text(file.read_text() + more)
+        texts.add(Workflow.page_texts(wildcards))
+    assert len(texts) == 3
 
 
 # A whole run
