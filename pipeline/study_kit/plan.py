@@ -74,7 +74,7 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        read = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
+        read: list[Any] = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
         if hasattr(self.family, "liquids"):
             liquids = (project_materials()[name] for name in self.family.liquids(self.parameters))
             read += [[liquid.density, liquid.dynamic_viscosity] for liquid in liquids]

@@ -1,6 +1,7 @@
 """What the jobs of a plan ask for: `python planned_resources.py TARGET MAX_THREADS [KEY=VALUE...]`, as JSON.
 
-A dry run does not print it where a rule has a message of its own.
+A dry run does not print it where a rule has a message of its own, and takes one core as the total, where a cluster has
+none: whoever asks for a total then ends the plan.
 """
 import json
 import sys
@@ -14,7 +15,7 @@ ASKED = ("_cores", "mem_mb", "gpu")
 target, threads, *values = sys.argv[1:]
 with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
     workflow = api.workflow(
-        ResourceSettings(cores=64, max_threads=int(threads)), snakefile=Path("Snakefile"),
+        ResourceSettings(nodes=100, max_threads=int(threads)), snakefile=Path("Snakefile"),
         config_settings=ConfigSettings(config=dict(value.split("=") for value in values),
                                        configfiles=[Path("config/config.yaml")]))
     workflow.dag(DAGSettings(targets={target})).execute_workflow(executor="dryrun")
