@@ -83,6 +83,7 @@ localrules:
     index_frames,
     effect_costs,
     cost,
+    software,
 
 
 rule all:

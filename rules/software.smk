@@ -12,9 +12,11 @@ rule software:
             labels={"what": "packages, versions, licenses"},
         ),
         table="outputs/software.csv",
+    log:
+        "outputs/logs/software.log",
     params:
         depends=lambda w: packages_digest(),
     message:
         "list the packages that are installed"
     shell:
-        "python -m pipeline.software --output {output.page} --output {output.table}"
+        "python -m pipeline.software --output {output.page} --output {output.table} 2>&1 | tee {log}"

@@ -44,8 +44,8 @@ def end_future(folder: Path) -> None:
 
 
 def logs_below(outputs: Path) -> list[Path]:
-    """Return the logs of comparisons, of scenes at a level, and of studies at a level, which lie one folder deeper."""
-    return sorted(log for folder in ("*", "*/*", "studies/*/*") for log in outputs.glob(f"{folder}/logs/*.log"))
+    """Return all logs: of the software, of comparisons, of scenes at a level, and of studies at a level."""
+    return sorted(log for folder in ("", "*/", "*/*/", "studies/*/*/") for log in outputs.glob(f"{folder}logs/*.log"))
 
 
 def changes(logs: Iterable[Path]) -> dict[Path, tuple[int, int]]:

@@ -63,8 +63,8 @@ def test_dates_in_the_future_end(tmp_path):
 
 
 def test_logs_of_scenes_and_studies_are_known(tmp_path):
-    logs = {tmp_path / name for name in ("eye/logs/compare_draft_fine.log", "eye/draft/logs/eye.log",
-                                         "studies/validation/draft/logs/couette-2.log")}
+    logs = {tmp_path / name for name in ("logs/software.log", "eye/logs/compare_draft_fine.log",
+                                         "eye/draft/logs/eye.log", "studies/validation/draft/logs/couette-2.log")}
     for log in logs:
         log.parent.mkdir(parents=True)
         log.touch()
