@@ -120,19 +120,19 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
     ----------
     radius : of the globe, m, to turn the margin into an angle.
     """
-    patch = question.place.patch(np.degrees(question.margin / radius))
+    points = question.place.points(np.degrees(question.margin / radius))
     alike: dict[Liquids, list[str]] = {}
     for name, oil in question.oils.items():
         alike.setdefault(question.liquids(oil), []).append(name)
     cases = [(liquids, posture) for liquids in alike for posture in question.postures]
-    fills = [table.fill_for(*patch) for table in tables.of(cases)]
+    fills = [table.fill_for(*points) for table in tables.of(cases)]
     best = cases[int(np.argmin(fills))]
     found = []
     for case, fill in zip(cases, fills, strict=True):
         others = [(dataclasses.replace(case[0], contact_angle=angle), case[1]) for angle in question.other_angles]
         known = case == best or all(other in tables for other in others)
         table = tables.of([case])[0]
-        possible = [one.fill_for(*patch, by_both) for one in (table, *tables.of(others)) for by_both in (False, True)
+        possible = [one.fill_for(*points, by_both) for one in (table, *tables.of(others)) for by_both in (False, True)
                     ] if known else []
         shares = table.shares_at(min(fill, question.largest_fill))
         low, high = (min(possible) - FILL_ERROR, min(max(possible) + FILL_ERROR, 1.0)) if known else (None, None)

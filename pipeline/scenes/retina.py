@@ -47,7 +47,7 @@ class Patch:
         """Latitude of the edge away from it."""
         return self.latitude + 0.5 * self.height
 
-    def patch(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def points(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Meridians and latitudes (k,) of points that cover the patch, degrees; a margin, degrees, all around."""
         low, high = max(self.low - margin, 0.0), min(self.high + margin, max(ORA, self.high))
         latitude = np.linspace(low, high, 1 + int(np.ceil((high - low) / STEP)))

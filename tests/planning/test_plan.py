@@ -67,11 +67,11 @@ def test_breaks_are_read_as_surgeons_write_them(place, size, expected):
 
 
 def test_a_patch_covers_the_break_and_its_margin():
-    meridian, latitude = Break(350.0, 60.0, 40.0, 10.0).patch(3.0)
+    meridian, latitude = Break(350.0, 60.0, 40.0, 10.0).points(3.0)
     wide = (meridian - 350.0 + 180.0) % 360.0 - 180.0
     assert latitude.min() == 52.0 and latitude.max() == 68.0
     assert wide.max() > 20.0 + 3.0 and wide.min() < -20.0 - 3.0
-    whole, _ = Break(0.0, 0.0, 360.0, 10.0).patch(1.0)
+    whole, _ = Break(0.0, 0.0, 360.0, 10.0).points(1.0)
     assert np.ptp(whole) > 350.0
 
 
@@ -118,7 +118,7 @@ def test_the_fill_of_the_map_just_covers_the_break(tables, posture):
     fill = answers(asked, tables, 11.3e-3)[0].fill
     cavity = cavity_of(Eye())
     rest = at_rest(cavity, asked.liquids(*asked.oils.values()), postures()[posture], fill)
-    corners, weights = interpolation(cavity.wall, cavity.faces, direction(*place.patch()))
+    corners, weights = interpolation(cavity.wall, cavity.faces, direction(*place.points()))
     margin = (Contact.of(rest).margin[corners] * weights).sum(axis=1)
     assert abs(margin.min()) < 0.5e-3
 
