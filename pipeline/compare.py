@@ -23,7 +23,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.tables import TIME, read_table
 from pipeline.pictures.picture_grid import as_png
-from pipeline.scenes.load import load_resolved
+from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of
 
@@ -96,9 +96,7 @@ def read_run(folder: Path) -> Run:
     ------
     UserError : it has not been run, or a file is damaged.
     """
-    if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder; run the scene at this level first")
-    scene = load_resolved(folder / "scene.json")
+    scene = scene_of_run(folder)
     pictures = {int(path.stem.rpartition("_")[2]): path for name in scene.segment_names
                 for path in folder.glob(f"images/segment_{name}/frame_*.png")}
     costs = [folder / "costs" / f"segment_{name}.json" for name in scene.segment_names]

@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.exchange.run_index import SavedFrame, saved_frames
-from pipeline.scenes.load import load_resolved
+from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import MESH_UNITS
 
 FORMATS = ("glb", "ply", "stl")
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> None:
                         help="unit of length in PLY and STL, which name none (default: m); glTF is in m")
     parser.add_argument("--output", type=Path, metavar="DIR", help="folder to write to (default: FOLDER/export)")
     options = parser.parse_args(arguments)
-    scene = load_resolved(options.folder / "scene.json")
+    scene = scene_of_run(options.folder)
     if scene.dimension == 2:
         raise UserError(f"{options.folder}: the surfaces of a scene in two dimensions are lines, but these formats "
                         "hold triangles")

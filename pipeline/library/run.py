@@ -21,7 +21,7 @@ from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
-from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.scenes.load import load_scene, scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
 from pipeline.workflow.command import project_folder
@@ -117,7 +117,7 @@ class Run:
     @functools.cached_property
     def scene(self) -> Scene:
         """The scene in SI units, with every default."""
-        return load_resolved(relative(self.folder) / "scene.json")
+        return scene_of_run(relative(self.folder))
 
     @functools.cached_property
     def metrics(self) -> MetricsTable:

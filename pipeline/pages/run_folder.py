@@ -11,7 +11,7 @@ from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
 from pipeline.forecast.estimate_files import read_level
 from pipeline.measures.metric import Metric, read_meanings
-from pipeline.scenes.load import load_resolved
+from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
 from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
@@ -76,7 +76,7 @@ def read_run(folder: Path) -> Run:
     ------
     UserError : something is missing or damaged.
     """
-    scene = load_resolved(folder / "scene.json")
+    scene = scene_of_run(folder)
     pictures = [path for name in scene.segment_names for path in sorted(folder.glob(f"images/segment_{name}/*.png"))]
     if not pictures:
         raise UserError(f"{folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")

@@ -69,6 +69,18 @@ def load_resolved(path: str | Path) -> Scene:
     return scene
 
 
+def scene_of_run(folder: Path) -> Scene:
+    """Return the scene of the run in ``outputs/<scene>/<level>``.
+
+    Raises
+    ------
+    UserError : there is no run in the folder.
+    """
+    if not (folder / "scene.json").is_file():
+        raise UserError(f"{folder}: holds no run; run the scene at this level first")
+    return load_resolved(folder / "scene.json")
+
+
 @functools.cache
 def project_materials() -> dict[str, Material]:
     """Return the liquids of ``config/materials.yaml`` by name, read once in a process."""

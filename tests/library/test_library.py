@@ -131,7 +131,7 @@ def test_an_error_of_a_stage_is_one_exception_with_its_sentence(scenes):
 
 
 def test_folder_without_a_run_is_told(tmp_path):
-    with pytest.raises(pipeline.UserError, match=r"scene.json: no such file"):
+    with pytest.raises(pipeline.UserError, match="holds no run; run the scene at this level first"):
         pipeline.open_run(tmp_path)
 
 

@@ -81,7 +81,7 @@ def test_stage_writes_page_picture_and_table_beside_the_levels(level, tmp_path, 
 
 
 @pytest.mark.parametrize(("other", "sentence"), [
-    (lambda level: level("fine").parent / "standard", "standard: no such folder; run the scene at this level first"),
+    (lambda level: level("fine").parent / "standard", "standard: holds no run; run the scene at this level first"),
     (lambda level: level("standard", name="other"), "must be two levels of one scene, but are of tiny and other"),
     (lambda level: level("standard", drawn=0), "have no picture of a common frame; run the render stage"),
     (lambda level: _slower(level), "have no frame after the start in common"),

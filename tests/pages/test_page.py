@@ -116,7 +116,7 @@ def test_titles_are_text(index):
 def test_what_is_missing_is_a_sentence(run_folder, tmp_path):
     with pytest.raises(UserError, match=r"nowhere.yaml: no such file; name the file of the scene with --source"):
         page.main([str(run_folder), "--source", str(tmp_path / "nowhere.yaml")])
-    with pytest.raises(UserError, match=r"scene.json: no such file"):
+    with pytest.raises(UserError, match="holds no run; run the scene at this level first"):
         page.main([str(tmp_path)])
 
 
