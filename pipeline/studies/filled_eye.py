@@ -34,6 +34,8 @@ from pipeline.study_kit.fills_at_rest import (
     in_front,
     nearest,
     parts_of,
+    percents,
+    range_of,
     shares_of,
 )
 from pipeline.study_kit.model import Outcome, Row
@@ -78,7 +80,7 @@ def run(case: Parameters) -> Outcome:
                          / case.tension, case.radius, 3) for fill in case.fills]
     sphere, sphere_error = _sphere(case, exact, outcome)
     at = [case.tamponade, f"{1e3 * case.axial_length:g}"]
-    lines = [[*at, SPHERE, f"{100 * fill:g}", part, *_cells(share, share, share)]
+    lines = [[*at, SPHERE, f"{100 * fill:g}", part, *percents(share, share, share)]
              for fill, profile in zip(case.fills, exact, strict=True)
              for part, share in (_in_sphere(case, sphere, profile) | {WHOLE_SPHERE: profile.coverage}).items()]
     outcome.rows += _model_eyes(case)
@@ -90,17 +92,15 @@ def run(case: Parameters) -> Outcome:
         changes = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0],
                                          nearest(case.fills, CHECKED))
         error = np.maximum(changes, sphere_error)
-        found = np.concatenate([course.shares for course in courses])
-        low, high = np.fmin.reduce(found) - error, np.fmax.reduce(found) + error
+        low, high = range_of(courses, error)
         unknown = [f"{100 * fill:g} %" for fill, values in zip(case.fills, courses[0].least, strict=True)
                    if np.isnan(values).any()]
         if unknown:
             outcome.remarks.append(f"{TAMPONADES[case.tamponade]}, {posture.replace('_', ' ')}: no shape was found at "
                                    f"{', '.join(unknown)}, since one point must see all of its surface.")
-        lines += [[*at, posture, f"{100 * fill:g}", part, *_cells(*cells)]
-                  for n, fill in enumerate(case.fills) for part, *cells in zip(
-                      PARTS, courses[0].least[n], np.maximum(low[n], 0.0), np.minimum(high[n], 1.0), strict=True)]
-        lines += [[*at, posture, f"{100 * fill:g}", AQUEOUS, *_cells(*3 * [in_front(rest)])]
+        lines += [[*at, posture, f"{100 * fill:g}", part, *percents(*shares)] for n, fill in enumerate(case.fills)
+                  for part, *shares in zip(PARTS, courses[0].least[n], low[n], high[n], strict=True)]
+        lines += [[*at, posture, f"{100 * fill:g}", AQUEOUS, *percents(*3 * [in_front(rest)])]
                   for fill, rest in zip(case.fills, courses[0].best, strict=True)]
         outcome.rows.append(Row("largest change of a covered share with 10,242 directions", 100.0 * error.max(), "%",
                                 at=posture))
@@ -114,10 +114,6 @@ def run(case: Parameters) -> Outcome:
     if case.maps:
         outcome.pictures["fundus_maps"] = as_png_file(fundus_picture(pictures, case.postures, case.fills))
     return outcome
-
-
-def _cells(*shares: float) -> list[str]:
-    return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]
 
 
 def _sphere(case: Parameters, exact: list[Profile], outcome: Outcome) -> tuple[StarCavity, float]:

@@ -23,6 +23,8 @@ from pipeline.study_kit.fills_at_rest import (
     fundus_maps,
     in_front,
     nearest,
+    percents,
+    range_of,
 )
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.patient_eyes_page import (
@@ -83,13 +85,12 @@ def run(case: Parameters) -> Outcome:
                    for angle in (case.contact_angle, *case.other_angles)]
         error = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0], shown,
                                        right_eye=right_eye)
-        found = np.concatenate([course.shares for course in courses])
-        low, high = np.fmin.reduce(found) - error, np.fmax.reduce(found) + error
+        low, high = range_of(courses, error)
         for n, fill in enumerate(case.fills):
             at = [case.words, posture, f"{100 * fill:g}"]
-            lines += [[*at, part, *_cells(*cells)] for part, *cells in zip(
-                PARTS, courses[0].least[n], np.maximum(low[n], 0.0), np.minimum(high[n], 1.0), strict=True)]
-            lines.append([*at, AQUEOUS, *_cells(*3 * [in_front(courses[0].best[n])])])
+            lines += [[*at, part, *percents(*shares)]
+                      for part, *shares in zip(PARTS, courses[0].least[n], low[n], high[n], strict=True)]
+            lines.append([*at, AQUEOUS, *percents(*3 * [in_front(courses[0].best[n])])])
         outcome.rows.append(Row("largest change of a covered share with 10,242 directions", 100.0 * error.max(), "%",
                                 f"{case.words}, {posture}"))
         maps += fundus_maps(cavity, courses, shown, right_eye=right_eye)
@@ -99,7 +100,3 @@ def run(case: Parameters) -> Outcome:
     outcome.tables["eye"] = [[case.words, case.group]]
     outcome.pictures[ROW] = as_png_file(row_of_pictures([section, *maps]))
     return outcome
-
-
-def _cells(*shares: float) -> list[str]:
-    return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]

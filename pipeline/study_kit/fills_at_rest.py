@@ -123,6 +123,17 @@ def nearest(fills: Iterable[float], wanted: Iterable[float]) -> list[int]:
     return sorted({int(np.abs(all_fills - one).argmin()) for one in wanted})
 
 
+def range_of(courses: Sequence[Course], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest of the shares of courses, (fills, parts), an error (parts,) beyond."""
+    found = np.concatenate([course.shares for course in courses])
+    return np.maximum(np.fmin.reduce(found) - error, 0.0), np.minimum(np.fmax.reduce(found) + error, 1.0)
+
+
+def percents(*shares: float) -> list[str]:
+    """Return shares as cells of a table, in percent; what is not known is empty."""
+    return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]
+
+
 def in_front(rest: Rest) -> float:
     """Return the share of the aqueous that is before the equator."""
     return rest.other.share(rest.other.position[:, 2] > 0.0) if rest.settled else np.nan
