@@ -154,7 +154,7 @@ class Outcome:
             return cls([Row(**row) for row in data["rows"]], [Curve(**curve) for curve in data["curves"]],
                        data["remarks"], {file.stem: file.read_bytes() for file in sorted(folder.glob("*.png"))},
                        data["case"], data["tables"], data["failure"])
-        except (json.JSONDecodeError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no outcome of a case ({error}); run the case again") from error
 
 

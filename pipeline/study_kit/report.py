@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pipeline.base import page
+from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
 from pipeline.study_kit.model import COLUMNS, OUTCOME, Curve, Figure, Outcome
@@ -25,9 +26,16 @@ MOST_LINES = 20  # of rows that do not hold in the summary; all of them are in t
 
 def outcomes_so_far(study: Study, folder: Path) -> list[Outcome]:
     """Return the outcomes of all cases in the folder of a study; those that are missing say why."""
-    return [Outcome.read(folder / "cases" / name) if (folder / "cases" / name / OUTCOME).is_file() else
-            Outcome.failed(name, _why_missing(case, folder / "logs" / f"{name}.log"))
-            for name, case in study.cases.items()]
+    return [_outcome_so_far(case, folder) for case in study.cases.values()]
+
+
+def _outcome_so_far(case: Case, folder: Path) -> Outcome:
+    if not (folder / "cases" / case.name / OUTCOME).is_file():
+        return Outcome.failed(case.name, _why_missing(case, folder / "logs" / f"{case.name}.log"))
+    try:
+        return Outcome.read(folder / "cases" / case.name)
+    except UserError as error:
+        return Outcome.failed(case.name, str(error))
 
 
 def _why_missing(case: Case, log: Path) -> str:

@@ -216,8 +216,9 @@ class Workflow:
         """Return a Snakemake parameter that changes when the results of ``stage`` may change."""
         def digest_of(name: str, level: str) -> str:
             # A mesh of the user counts by what it holds: a copy of it has another date.
-            surface = [sha256(Path(path).read_bytes()) for path in self.mesh(name, level) if Path(path).is_file()]
-            return " ".join([stage_digest(stage, self.scene(name, level)), *(surface if stage == "eye" else [])])
+            meshes = [Path(path) for path in self.mesh(name, level)] if stage == "eye" else []
+            return " ".join([stage_digest(stage, self.scene(name, level)),
+                             *(sha256(path.read_bytes()) for path in meshes if path.is_file())])
 
         digest = functools.cache(digest_of)
 

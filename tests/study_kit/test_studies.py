@@ -19,7 +19,7 @@ from pipeline.study import run_case
 from pipeline.study_kit import plan
 from pipeline.study_kit.model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.plan import load_study, study_names
-from pipeline.study_kit.report import summary
+from pipeline.study_kit.report import outcomes_so_far, summary
 from pipeline.workflow.scenes import Workflow
 from pipeline.workflow.studies import Studies
 
@@ -69,6 +69,20 @@ def test_outcome_survives_its_file(tmp_path):
         outcome.curves, outcome.remarks, outcome.pictures, outcome.case)
     with pytest.raises(UserError, match="run the case first"):
         Outcome.read(tmp_path / "elsewhere")
+
+
+@pytest.mark.parametrize("content", [b"", b"{\xff}", b"[]", b"{}"])
+def test_damaged_outcome_is_told_and_stops_no_table_of_what_is_there(write, content):
+    write("cases: {oil_at_rest: {}}")
+    study = load_study("small")
+    case, = study.cases
+    folder = Path("outputs/studies/small/draft/cases") / case
+    folder.mkdir(parents=True)
+    (folder / "outcome.json").write_bytes(content)
+    with pytest.raises(UserError, match="is no outcome of a case"):
+        Outcome.read(folder)
+    outcome, = outcomes_so_far(study, folder.parents[1])
+    assert outcome.case == case and "run the case again" in outcome.failure
 
 
 def test_summary_names_every_row_that_does_not_hold():
