@@ -12,7 +12,7 @@ from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
-from pipeline.study_kit.model import COLUMNS, OUTCOME, Curve, Figure, Outcome
+from pipeline.study_kit.model import COLUMNS, FAILED, OUTCOME, Curve, Figure, Outcome
 from pipeline.study_kit.plan import Case, Study
 
 MARKERS = "osD^v<>Pp*Xh"
@@ -93,8 +93,9 @@ def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
     asked = [row for row in rows if row["holds"]]
     missed = [row for row in asked if row["holds"] == "false"]
     lines = [f"{name}: {len(asked) - len(missed)} of {len(asked)} rows hold" + (", these do not:" if missed else "")]
-    lines += [f"  {row['case']}: {row['quantity']} is {row['value']} {row['unit']}, error {row['error'] or 'unknown'} "
-              f"above {row['tolerance']}" for row in missed[:MOST_LINES]]
+    lines += [f"  {row['case']}: " + (FAILED if row["quantity"] == FAILED else (
+        f"{row['quantity']} is {row['value']} {row['unit']}, error {row['error'] or 'unknown'} above "
+        f"{row['tolerance']}")) for row in missed[:MOST_LINES]]
     if len(missed) > MOST_LINES:
         lines.append(f"  and {len(missed) - MOST_LINES} more, see its table")
     return "\n".join(lines)

@@ -90,6 +90,11 @@ def test_summary_names_every_row_that_does_not_hold():
     assert "1 of 2 rows hold, these do not:\n  c: bad is 2 1, error 1 above 0.1" in summary("s", rows)
 
 
+def test_summary_says_plainly_that_a_case_has_no_result():
+    row, = Outcome.failed("lost-1", "the disk was full").rows
+    assert summary("study", [row.cells("lost-1")]).splitlines()[1] == "  lost-1: no result"
+
+
 def test_summary_of_many_rows_is_short():
     rows = [row.cells("c") for row in [compared("bad", 2.0, 1.0, 0.1)] * 1000]
     lines = summary("s", rows).splitlines()
