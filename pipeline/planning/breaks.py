@@ -93,7 +93,10 @@ def _hours(word: str) -> float | None:
     match = _HOURS.fullmatch(word)
     if not match:
         return None
-    return float(match[1]) if match[1] else int(match[2]) + int(match[3]) / 60.0
+    if match[1]:
+        return float(match[1])
+    hour, minutes = int(match[2]), int(match[3])
+    return (0 if hour == 12 and minutes else hour) + minutes / 60.0  # after twelve the clock begins anew
 
 
 def _angle(option: str, word: str) -> float:

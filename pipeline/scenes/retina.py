@@ -97,9 +97,8 @@ class Patch:
 
     def words(self, side: str) -> str:
         """Return where it is, in words."""
-        hour = self.meridian / HOUR or 12.0
-        minutes = round(60.0 * (hour % 1.0))
-        clock = f"{int(hour)}:{minutes:02d}" if minutes else f"{int(hour)}"
+        hour, minutes = divmod(round(60.0 * self.meridian / HOUR), 60)
+        clock = f"{hour % 12 or 12}:{minutes:02d}" if minutes else f"{hour % 12 or 12}"
         rows = ("superior" if np.cos(np.radians(self.meridian)) > 0.3 else
                 "inferior" if np.cos(np.radians(self.meridian)) < -0.3 else "")
         left = np.sin(np.radians(self.meridian))

@@ -155,6 +155,14 @@ def test_a_patch_holds_its_own_points_and_its_outline_goes_around_it():
         assert edge.max() == pytest.approx(one.high) and np.allclose(one.outline()[0], one.outline()[-1])
 
 
+@pytest.mark.parametrize(("hour", "clock"), [
+    (12.0, "12 o'clock"), (0.5, "12:30 o'clock"), (3.0, "3 o'clock"), (5.999, "6 o'clock"), (10.25, "10:15 o'clock"),
+    (11.999, "12 o'clock")])
+def test_places_are_told_as_a_clock_tells_hours(hour, clock):
+    one = Break("tear", hour=hour, latitude=np.radians(60.0), width=1.0)
+    assert one.patch(11e-3).words("right").startswith(f"{clock} (")
+
+
 def test_a_diameter_is_a_length_on_the_retina():
     patch = Break("hole", hour=3.0, latitude=np.radians(30.0), diameter=2e-3).patch(11e-3)
     assert np.radians(patch.height) * 11e-3 == pytest.approx(2e-3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import at_rest
@@ -175,6 +176,14 @@ def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     assert load_scene(project.folder / "config" / "scenes" / "confirming.yaml").breaks[0].name == "planned"
     html = (tmp_path / "plan.html").read_text()
     assert "not for decisions on a patient" in html and html.count("data:image/png") == 1
+
+
+@pytest.mark.parametrize(("place", "meridian"), [("12:30,60deg", 15.0), ("0:30,60deg", 15.0), ("12:00,60deg", 0.0),
+                                                 ("6:30, 60 deg", 195.0), ("12h,60deg", 0.0)])
+def test_clock_hours_go_around_at_twelve(place, meridian):
+    assert read_break(place, "1h").meridian == pytest.approx(meridian)
+    with pytest.raises(UserError, match="must be above 0 and at most 12"):
+        read_break("13:30,60deg", "1h")
 
 
 def test_what_cannot_be_covered_is_said():
