@@ -99,6 +99,8 @@ def run(case: Parameters, scene: Scene) -> Outcome:
                 for _ in solver.advance(solver.time + step):
                     pass
             except RunError as error:  # what is left is too little to give way evenly
+                if not readings:
+                    raise
                 ended = str(error)
                 break
             readings.append((solver.time, *_left(solver, drained, case.tip)))
@@ -117,6 +119,8 @@ def _left(solver, liquid: int, tip) -> tuple[float, float]:
 
 def pieces_of(position: np.ndarray, volume: np.ndarray, apart: float) -> np.ndarray:
     """Volumes of the pieces that particles (n, 3) make up, the largest first: neighbors are not farther than apart."""
+    if not len(position):
+        return np.zeros(0)
     pairs = cKDTree(position).query_pairs(apart, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(position),) * 2)
     return np.sort(np.bincount(connected_components(graph, directed=False)[1], volume))[::-1]
@@ -133,7 +137,7 @@ def _outcome(case: Parameters, eye: RestingEye, readings: np.ndarray, lost: bool
     capillary = case.viscosity * case.flow / (np.pi * radius**2 * liquids_at_rest(eye.scene).tension)
     heads = [case.exchange, case.tip_name, f"{1e6 * case.flow:g}"]
     numbers = [(LEFT, 100.0 * at_loss[1] / cavity, "%"), (PIECES, float(len(pieces)), ""),
-               (LARGEST, 100.0 * pieces[0] / cavity, "%"), (LOST_AT, at_loss[0] if lost else np.nan, "s")]
+               (LARGEST, 100.0 * pieces.max(initial=0.0) / cavity, "%"), (LOST_AT, at_loss[0] if lost else np.nan, "s")]
     lines = [[*heads, f"{capillary:.3g}", f"{1e3 * solver.spacing:g}", quantity,
               f"{value:.4g}" if np.isfinite(value) else "", unit] for quantity, value, unit in numbers]
     course = [[*heads, f"{1e6 * (case.flow * t):.4g}", f"{100.0 * left / cavity:.4g}", f"{1e3 * distance:.4g}"]

@@ -42,6 +42,7 @@ def test_times_are_in_proportion_to_viscosity_and_published_ones_are_within_thei
 def test_pieces_are_told_apart_by_their_distance():
     position = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [5, 0, 0]])
     assert exchanged_oil.pieces_of(position, np.array([1.0, 1.0, 1.0, 0.5]), 1.5).tolist() == [3.0, 0.5]
+    assert not len(exchanged_oil.pieces_of(position[:0], np.zeros(0), 1.5))  # all was drained
 
 
 def test_removal_drains_the_oil_and_filling_the_aqueous(study):
