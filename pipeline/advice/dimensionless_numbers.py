@@ -133,16 +133,6 @@ class Scales:
         """Characteristic speed U, the largest of :attr:`speeds`, m/s; 0 where nothing can move."""
         return max((quantity.value for quantity in self.speeds), default=0.0)
 
-    @property
-    def turn_speed(self) -> float:
-        """Largest speed of the wall in a turn, m/s."""
-        return max((quantity.value for quantity in self.wall_speeds), default=0.0)
-
-    @property
-    def turn_acceleration(self) -> float:
-        """Largest acceleration of the wall in a turn, m/s2."""
-        return max((effect.omitted_acceleration(parameters, self) for effect, parameters in self.effects), default=0.0)
-
     def layer(self, liquid: Liquid) -> float:
         """Thickness sqrt(nu t) in which viscosity acts while the liquid passes L, or within the scene, m.
 

@@ -78,12 +78,6 @@ class Patch:
         share = np.outer(shares[1] * np.sin(np.radians(axes[1])), shares[0]).ravel()
         return meridian % 360.0, latitude, share / share.sum()
 
-    def contains(self, point: np.ndarray) -> np.ndarray:
-        """Tell which points (n, 3) are on it, seen from the center of the globe, (n,) bool."""
-        meridian, latitude = chart(point)
-        apart = (meridian - self.meridian + 180.0) % 360.0 - 180.0
-        return (np.abs(apart) <= 0.5 * self.width) & (latitude >= self.low) & (latitude <= self.high)
-
     def outline(self) -> np.ndarray:
         """Directions (k, 3) around its edge, the last the first again."""
         along = np.linspace(-0.5, 0.5, OUTLINE)
@@ -117,16 +111,6 @@ def direction(meridian: np.ndarray, latitude: np.ndarray) -> np.ndarray:
     """
     around, down = np.radians(meridian), np.radians(latitude)
     return np.stack([np.sin(down) * np.sin(around), np.sin(down) * np.cos(around), -np.cos(down)], axis=-1)
-
-
-def chart(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Meridians, from 0 to 360, and latitudes (n,) of points (n, 3), degrees.
-
-    >>> [float(one[0]) for one in chart(np.array([[2.0, 0.0, 0.0]]))]
-    [90.0, 90.0]
-    """
-    x, y, z = np.asarray(point, float).T
-    return np.degrees(np.arctan2(x, y)) % 360.0, np.degrees(np.arctan2(np.hypot(x, y), -z))
 
 
 def square(meridian: float, latitude: float, side: float) -> Patch:

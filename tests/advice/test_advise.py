@@ -129,8 +129,10 @@ def test_jet_turn_and_jolt_of_the_eye():
     # 12 steps of 2 ms with 2 mL/s bring 48 particles of 1 mm3: a droplet of 2.25 mm radius.
     jet = values(tamponade.speeds)["jet"]
     assert jet == pytest.approx(2e-6 / (4 * math.pi * (0.75 * 48e-9 / math.pi) ** (2 / 3)), rel=1e-6)
-    assert tamponade.turn_speed == pytest.approx(1.875 * 0.5 * math.pi / 0.5 * RADIUS)
-    assert tamponade.turn_acceleration == pytest.approx(5.7735 * 0.5 * math.pi / 0.5**2 * RADIUS, rel=1e-4)
+    assert values(tamponade.wall_speeds)["turn"] == pytest.approx(1.875 * 0.5 * math.pi / 0.5 * RADIUS)
+    (gravity, parameters), = (one for one in tamponade.effects if one[0].name == "gravity")
+    left_out = gravity.omitted_acceleration(parameters, tamponade)
+    assert left_out == pytest.approx(5.7735 * 0.5 * math.pi / 0.5**2 * RADIUS, rel=1e-4)
     jolted = values(Scales(shipped("jolted_eye"), REFERENCE_VOLUME).speeds)
     assert jolted["jolt"] == pytest.approx(49 * 35 / 1005 * 0.05 * 2 / math.pi)
 
