@@ -164,7 +164,8 @@ def write_map(question: Question, folder: Path = MAP) -> int:
 def _values(eye: Eye) -> dict[str, object]:
     """What tells the shape of an eye from others: its numbers, and what is in its mesh."""
     values: dict[str, object] = dataclasses.asdict(eye)
-    values.pop("side")
+    if eye.landmarks is None:  # these turn a mesh as its side says; else it counts for words only
+        values.pop("side")
     if eye.path:
         path = Path(eye.path)
         values["path"] = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else eye.path

@@ -17,7 +17,7 @@ from pipeline.planning.search import MAP, Question, Tables, answers
 from pipeline.planning.settings import load_settings, postures
 from pipeline.planning.touch import FILLS, LATITUDES, MERIDIANS, fills_needed, key_of, read_tables, write_tables
 from pipeline.scenes.load import load_scene
-from pipeline.scenes.model import Buckle, Eye
+from pipeline.scenes.model import Buckle, Eye, Landmarks
 from pipeline.scenes.retina import direction
 
 
@@ -151,6 +151,13 @@ def test_the_fill_needed_is_the_last_that_leaves_a_point_bare():
     margin[:, 1] = 1.0       # always
     margin[5:8, 2] = 1.0     # touched in between only
     np.testing.assert_allclose(fills_needed(margin), [0.5 * (FILLS[2] + FILLS[3]), FILLS[0], 1.0, 1.0])
+
+
+def test_the_side_of_an_eye_asks_for_tables_of_its_own_where_landmarks_turn_a_mesh(tmp_path):
+    for landmarks, apart in ((None, False), (Landmarks(optic_disc=(5e-3, 3e-3, -10e-3)), True)):
+        folders = {Tables(Eye(model="mesh", path="eye.stl", side=side, landmarks=landmarks), tmp_path)._folder
+                   for side in ("right", "left")}
+        assert (len(folders) == 2) == apart
 
 
 def test_tables_come_back_from_their_files(tmp_path):
