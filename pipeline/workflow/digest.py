@@ -35,6 +35,8 @@ UNREAD = {
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output", *PLACES),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
+    "still": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "eye", "numerics", "output",
+              "liquids.color", "liquids.source", *PLACES),
     "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
               "liquids", "numerics", "dimension", "output.duration", *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),
