@@ -2,22 +2,29 @@
 
     python benchmarks/faults/surroundings.py                     all of it; needs root, for mounts and other users
     python benchmarks/faults/surroundings.py disk memory         some of it
-    python benchmarks/faults/surroundings.py --reference /tmp/unbroken
+    python benchmarks/faults/surroundings.py --reference /tmp/unbroken --cores 1
 
 Every trial must end in one sentence and a code other than 0, or well; afterwards the same command makes files with the
 SHA-256 of the unbroken run.
 """
 import argparse
+import collections
 import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from copy_of_project import ROOT, SCENE, Copy, differences
+
+sys.path[:0] = [str(ROOT)]
+
+from pipeline.workflow.shell import PREFIX  # noqa: E402
 
 GIB = 2**30
 FREE = "/dev/null"
@@ -29,15 +36,15 @@ TRACE = "Traceback (most recent call last)"
 
 
 class Bench:
-    """The unbroken run, a folder to work in, and what was found."""
+    """The unbroken run, a folder to work in, the cores of a run, and what was found."""
 
-    def __init__(self, reference: Copy, work: Path):
-        self.reference, self.work, self.failed = reference, work, 0
+    def __init__(self, reference: Copy, work: Path, cores: int):
+        self.reference, self.work, self.cores, self.failed = reference, work, cores, 0
         self.sums = reference.checksums()
 
     def copy(self, name: str, finished: bool = True) -> Copy:
         """Return a copy of the project, with the results of the unbroken run or without."""
-        copy = Copy(self.work / name)
+        copy = Copy(self.work / name, self.cores)
         if finished and not copy.outputs.exists():
             shutil.copytree(self.reference.folder / "outputs", copy.folder / "outputs")
             shutil.copytree(self.reference.folder / ".snakemake", copy.folder / ".snakemake", symlinks=True)
@@ -65,10 +72,10 @@ def commands(copy: Copy) -> dict[str, str]:
 def sh(copy: Copy, command: str, memory: int = 0, **environment: str) -> tuple[int, str]:
     """Run a shell command in a copy; return its exit code and what it printed."""
     limit = (lambda: resource.setrlimit(resource.RLIMIT_AS, (memory, memory))) if memory else None
-    done = subprocess.run(["bash", "-c", f"set -euo pipefail; {command}"], cwd=copy.folder, capture_output=True,
+    done = subprocess.run(["bash", "-c", f"{PREFIX}{command}"], cwd=copy.folder, capture_output=True,
                           text=True, preexec_fn=limit, stdin=subprocess.DEVNULL,
                           env=os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-                                            "PYTHONPATH": str(copy.folder)} | environment)
+                                            "PYTHONPATH": str(copy.folder), "OMP_NUM_THREADS": "1"} | environment)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -120,16 +127,26 @@ def disk(bench: Bench) -> None:
 
 
 def memory(bench: Bench) -> None:
-    """Stages with less address space than they need."""
+    """Stages with less address space than they need, and one that is killed as the system does where memory is full."""
     copy = bench.copy("memory")
+    ended = collections.Counter()
     for stage, command in commands(copy).items():
-        if stage not in ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics"):
-            continue
-        for limit in (0.7, 1.2, 2.0):
+        for limit in (0.25, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0):
             code, printed = sh(copy, command, memory=int(limit * GIB))
-            good = code == 0 or (len(errors(printed)) >= 1 and TRACE not in printed)
+            good = code == 0 or (len(errors(printed)) == 1 and TRACE not in printed)
+            ended["well" if code == 0 else "sentences" if good else "FAILED"] += 1
             bench.tell(f"{stage} with {limit:g} GiB of address space", good,
                        "ended well" if code == 0 else f"code {code}, {(errors(printed) or [printed[-300:]])[0]}")
+    print(", ".join(f"{count} {how}" for how, count in sorted(ended.items())))
+    shutil.rmtree(copy.outputs / "checkpoints")
+    run = copy.start("all")
+    while run.poll() is None and not (found := copy.processes("-m", "pipeline.simulate")):
+        time.sleep(0.1)
+    for process in found:
+        os.kill(process, signal.SIGKILL)
+    code, last = run.wait(), (copy.folder / "snakemake.log").read_text().splitlines()[-1]
+    good = code == 1 and last.startswith("error: not enough memory to run simulate")
+    bench.tell("simulate killed with -9", good, last)
     code, printed = copy.run("all")
     bench.tell("the same run with memory", code == 0 and bench.same(copy), f"code {code}")
 
@@ -143,7 +160,7 @@ def opengl(bench: Bench) -> None:
     libraries = subprocess.run("ls /usr/lib/*/lib{OSMesa,EGL,GL,GLX,OpenGL}.so* 2>/dev/null", shell=True,
                                executable="/bin/bash", capture_output=True, text=True).stdout.split()
     hide = "; ".join(f"mount --bind {FREE} {path}" for path in libraries)
-    run = f"{hide}; exec {sys.executable} -m snakemake -j2 all --config 'scenes=[{SCENE}]'"
+    run = f"{hide}; exec {sys.executable} -m snakemake -j{bench.cores} all --config 'scenes=[{SCENE}]'"
     done = subprocess.run(["unshare", "-m", "bash", "-c", run], cwd=copy.folder, capture_output=True, text=True,
                           env=os.environ | {"PYTHONPATH": str(copy.folder)})
     printed = done.stdout + done.stderr
@@ -172,8 +189,9 @@ def home(bench: Bench) -> None:
     for name in ("/nonexistent", str(bench.work / "locked")):
         os.chmod(bench.work / "locked", 0o555)
         user = as_user(copy, 54321)
-        done = subprocess.run([*user, "bash", "-c", with_run, "run", sys.executable, "-m", "snakemake", "-j2", "all",
-                               "--config", f"scenes=[{SCENE}]"], cwd=copy.folder, capture_output=True, text=True,
+        done = subprocess.run([*user, "bash", "-c", with_run, "run", sys.executable, "-m", "snakemake",
+                               f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"],
+                              cwd=copy.folder, capture_output=True, text=True,
                               env={"PATH": os.environ["PATH"], "HOME": name, "PYTHONPATH": str(copy.folder)})
         printed = done.stdout + done.stderr
         good = TRACE not in printed and (done.returncode == 0 and bench.same(copy))
@@ -193,7 +211,7 @@ def users(bench: Bench) -> None:
     os.chmod(bench.work, 0o755)
     as_user(copy, 54321)
     (copy.outputs / "metrics.csv").unlink()
-    command = ["-m", "snakemake", "-j2", "all", "--config", f"scenes=[{SCENE}]"]
+    command = ["-m", "snakemake", f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"]
     environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "USER": "other", "PYTHONPATH": str(copy.folder)}
     done = subprocess.run(["setpriv", "--reuid=54322", "--clear-groups", "--inh-caps=-all", sys.executable, *command],
                           cwd=copy.folder, capture_output=True, text=True, env=environment)
@@ -245,15 +263,16 @@ def main() -> int:
     """Run the trials."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help=f"which of {', '.join(TRIALS)} (default: all)")
+    parser.add_argument("--cores", type=int, default=2, help="of every run (default 2)")
     parser.add_argument("--reference", type=Path, help="copy of the project with an unbroken run (made where missing)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="surroundings_") as work:
-        reference = Copy((options.reference or Path(work) / "unbroken").resolve())
+        reference = Copy((options.reference or Path(work) / "unbroken").resolve(), options.cores)
         code, printed = reference.run()
         if code:
             print(printed)
             return code
-        bench = Bench(reference, Path(work))
+        bench = Bench(reference, Path(work), options.cores)
         for name in options.trials or TRIALS:
             TRIALS[name](bench)
     return int(bench.failed > 0)

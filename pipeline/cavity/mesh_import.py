@@ -134,7 +134,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with _silent_reader():
             surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
         return np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
-    except (OSError, UserError):
+    except (OSError, MemoryError, UserError):
         raise
     # The readers raise anything from ValueError to their own kinds; all mean that the content is not of this format.
     except Exception as error:
