@@ -179,23 +179,24 @@ def folder(bench: Bench) -> None:
 
 
 def home(bench: Bench) -> None:
-    """A home that is not there or cannot be written, with the cache that `./run` then chooses."""
+    """A home that is not there or cannot be written, with the cache that `./run` and `eye-oil` then choose."""
     copy = bench.copy("home")
-    for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4"):
-        path.unlink()
     with_run = f"source <(sed -n '/^find_cache()/,/^}}/p' {ROOT / 'run'}); find_cache; exec \"$@\""
+    starts = {"./run": ["bash", "-c", with_run, "run", sys.executable, "-m", "snakemake"],
+              "eye-oil": [sys.executable, "-m", "pipeline.workflow.command"]}
     (bench.work / "locked").mkdir(exist_ok=True)
     os.chmod(bench.work, 0o755)
-    for name in ("/nonexistent", str(bench.work / "locked")):
+    for name, start in ((name, start) for name in ("/nonexistent", str(bench.work / "locked")) for start in starts):
+        for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4"):
+            path.unlink(missing_ok=True)
         os.chmod(bench.work / "locked", 0o555)
         user = as_user(copy, 54321)
-        done = subprocess.run([*user, "bash", "-c", with_run, "run", sys.executable, "-m", "snakemake",
-                               f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"],
+        done = subprocess.run([*user, *starts[start], f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"],
                               cwd=copy.folder, capture_output=True, text=True,
                               env={"PATH": os.environ["PATH"], "HOME": name, "PYTHONPATH": str(copy.folder)})
         printed = done.stdout + done.stderr
-        good = TRACE not in printed and (done.returncode == 0 and bench.same(copy))
-        bench.tell(f"home {name}, which cannot be written", good,
+        good = TRACE not in printed and done.returncode == 0 and bench.same(copy)
+        bench.tell(f"{start} with the home {name}, which cannot be written", good,
                    f"code {done.returncode}" + ("" if good else f", {printed[-600:]}"))
 
 
