@@ -5,7 +5,8 @@
 
 A mesh is spoiled in one of seven ways: bits, bytes, pieces, numbers. Of frames and checkpoints one bit is flipped;
 forged ones are spoiled as meshes are and get a new checksum, as if it had been done on purpose. Every file is read in
-a process of its own, which is watched for tracebacks, crashes, time, memory, and for running code or opening the network.
+a process of its own, which is watched for tracebacks, crashes, time, memory, and for running code or opening the
+network.
 """
 import argparse
 import collections

@@ -36,10 +36,10 @@ TRACE = "Traceback (most recent call last)"
 
 
 class Bench:
-    """The unbroken run, a folder to work in, the cores of a run, and what was found."""
+    """The unbroken run, a folder to work in, the cores of a run, the stages to spoil, and what was found."""
 
-    def __init__(self, reference: Copy, work: Path, cores: int):
-        self.reference, self.work, self.cores, self.failed = reference, work, cores, 0
+    def __init__(self, reference: Copy, work: Path, cores: int, stages: list[str]):
+        self.reference, self.work, self.cores, self.stages, self.failed = reference, work, cores, stages, 0
         self.sums = reference.checksums()
 
     def copy(self, name: str, finished: bool = True) -> Copy:
@@ -61,12 +61,12 @@ class Bench:
         return not unlike
 
 
-def commands(copy: Copy) -> dict[str, str]:
-    """Shell commands of the stages, by name, as Snakemake would run them."""
+def commands(copy: Copy, stages: list[str]) -> dict[str, str]:
+    """Shell commands of some stages or of all, by name, as Snakemake would run them."""
     _, printed = copy.run("-n", "-p", "--forceall", "all", cores=1)
     found = re.findall(r"^\s*(?:Shell command: )?((?:STAGE_USAGE=\S+ )?python -m pipeline\.(\w+) .*?tee \S+)$", printed,
                        re.MULTILINE)
-    return {stage: command for command, stage in found}
+    return {stage: command for command, stage in found if not stages or stage in stages}
 
 
 def sh(copy: Copy, command: str, memory: int = 0, **environment: str) -> tuple[int, str]:
@@ -101,7 +101,7 @@ def disk(bench: Bench) -> None:
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", copy.folder / "outputs"], check=True)
     try:
         shutil.copytree(kept, copy.folder / "outputs", dirs_exist_ok=True)
-        for stage, command in commands(copy).items():
+        for stage, command in commands(copy, bench.stages).items():
             for path in outputs_of(command):
                 target = copy.folder / path
                 shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
@@ -130,8 +130,8 @@ def memory(bench: Bench) -> None:
     """Stages with less address space than they need, and one that is killed as the system does where memory is full."""
     copy = bench.copy("memory")
     ended = collections.Counter()
-    for stage, command in commands(copy).items():
-        for limit in (0.25, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0):
+    for stage, command in commands(copy, bench.stages).items():
+        for limit in (0.25, 0.5, 1.0, 1.5, 2.0, 3.0):
             code, printed = sh(copy, command, memory=int(limit * GIB))
             good = code == 0 or (len(errors(printed)) == 1 and TRACE not in printed)
             ended["well" if code == 0 else "sentences" if good else "FAILED"] += 1
@@ -265,6 +265,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help=f"which of {', '.join(TRIALS)} (default: all)")
     parser.add_argument("--cores", type=int, default=2, help="of every run (default 2)")
+    parser.add_argument("--stages", nargs="+", default=[], help="that find the disk full or memory short (default: all)")
     parser.add_argument("--reference", type=Path, help="copy of the project with an unbroken run (made where missing)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="surroundings_") as work:
@@ -273,7 +274,7 @@ def main() -> int:
         if code:
             print(printed)
             return code
-        bench = Bench(reference, Path(work), options.cores)
+        bench = Bench(reference, Path(work), options.cores, options.stages)
         for name in options.trials or TRIALS:
             TRIALS[name](bench)
     return int(bench.failed > 0)
