@@ -265,7 +265,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help=f"which of {', '.join(TRIALS)} (default: all)")
     parser.add_argument("--cores", type=int, default=2, help="of every run (default 2)")
-    parser.add_argument("--stages", nargs="+", default=[], help="that find the disk full or memory short (default: all)")
+    parser.add_argument("--stages", nargs="+", default=[], help="of the trials of disk and memory (default: all)")
     parser.add_argument("--reference", type=Path, help="copy of the project with an unbroken run (made where missing)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="surroundings_") as work:
