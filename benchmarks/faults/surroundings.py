@@ -160,7 +160,7 @@ def killed(bench: Bench) -> None:
     code, told = run.wait(), errors((copy.folder / "snakemake.log").read_text())
     good = code == 1 and len(set(told)) == 1 and told[0].startswith("error: not enough memory to run metrics, unless ")
     bench.tell("metrics killed with -9", good, (told or ["no word"])[0])
-    code, printed = copy.run("all")
+    code, _ = copy.run("all")
     bench.tell("the same run with memory", code == 0 and bench.same(copy), f"code {code}")
 
 
