@@ -23,6 +23,7 @@ os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.interrupt import Interrupt
 from pipeline.workflow.scenes import Workflow, scene_names
+from pipeline.workflow.shell import PREFIX
 
 
 configfile: "config/config.yaml"
@@ -31,8 +32,7 @@ configfile: "config/config.yaml"
 report: "docs/report/workflow.rst"
 
 
-# Snakemake tells OpenMP and the like how many threads a job has; this tells VTK and the drawing without a GPU.
-shell.prefix("set -euo pipefail; export VTK_SMP_MAX_THREADS=$OMP_NUM_THREADS LP_NUM_THREADS=$OMP_NUM_THREADS; ")
+shell.prefix(PREFIX)
 
 flow = Workflow(config, elsewhere=workflow.resource_settings.max_threads is not None)
 interrupt = Interrupt(logger)

@@ -4,6 +4,7 @@ As a library: ``pipeline.run``, ``pipeline.open_run``, ``pipeline.plan_fill``, `
 """
 import importlib
 import os
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
 
 # Every stage prints only what its user asked for; taichi reads this when it is imported.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+# `python -m pipeline.<stage>`: its libraries may find no memory before the stage itself is reached.
+if sys.argv[:1] == ["-m"]:
+    from pipeline.base.memory import tell_of_imports
+
+    sys.excepthook = tell_of_imports
 
 # Imported when first asked for: a stage that needs none of this starts sooner.
 _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",

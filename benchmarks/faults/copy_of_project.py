@@ -17,10 +17,10 @@ WITH_CLOCKS = ("costs", "logs", "estimate.html", "estimate.json", "cost.html", "
 
 
 class Copy:
-    """A copy of the project in a folder, whose outputs are its own; the code is linked."""
+    """A copy of the project in a folder, with outputs of its own; the code is linked, its runs have some cores."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, cores: int = 2):
+        self.folder, self.cores = folder, cores
         folder.mkdir(parents=True, exist_ok=True)
         for name in LINKED:
             if not (folder / name).exists():
@@ -34,16 +34,16 @@ class Copy:
         """Folder of the results of the scene."""
         return self.folder / "outputs" / SCENE / "draft"
 
-    def start(self, *arguments: str, cores: int = 2, log: str = "snakemake.log", **environment: str):
+    def start(self, *arguments: str, cores: int | None = None, log: str = "snakemake.log", **environment: str):
         """Start Snakemake in a group of processes of its own."""
-        command = [sys.executable, "-m", "snakemake", f"-j{cores}", *(arguments or ("all",)), "--config",
+        command = [sys.executable, "-m", "snakemake", f"-j{cores or self.cores}", *(arguments or ("all",)), "--config",
                    f"scenes=[{SCENE}]"]
         with (self.folder / log).open("w") as file:
             return subprocess.Popen(command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=file,
                                     stderr=subprocess.STDOUT, start_new_session=True,
                                     env=os.environ | {"PYTHONPATH": str(self.folder)} | environment)
 
-    def run(self, *arguments: str, cores: int = 2, **environment: str) -> tuple[int, str]:
+    def run(self, *arguments: str, cores: int | None = None, **environment: str) -> tuple[int, str]:
         """Run Snakemake to its end; return its exit code and all that it printed."""
         code = self.start(*arguments, cores=cores, **environment).wait()
         return code, (self.folder / "snakemake.log").read_text(errors="replace")

@@ -2,22 +2,29 @@
 
     python benchmarks/faults/surroundings.py                     all of it; needs root, for mounts and other users
     python benchmarks/faults/surroundings.py disk memory         some of it
-    python benchmarks/faults/surroundings.py --reference /tmp/unbroken
+    python benchmarks/faults/surroundings.py --reference /tmp/unbroken --cores 1
 
 Every trial must end in one sentence and a code other than 0, or well; afterwards the same command makes files with the
 SHA-256 of the unbroken run.
 """
 import argparse
+import collections
 import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from copy_of_project import ROOT, SCENE, Copy, differences
+
+sys.path[:0] = [str(ROOT)]
+
+from pipeline.workflow.shell import PREFIX  # noqa: E402
 
 GIB = 2**30
 FREE = "/dev/null"
@@ -25,19 +32,20 @@ NO_LOCKS = """
 #include <errno.h>
 int flock(int descriptor, int operation) { errno = ENOLCK; return -1; }
 """
+FULL = re.compile("the disk is full|No space left on device")  # of a stage; of the log beside it
 TRACE = "Traceback (most recent call last)"
 
 
 class Bench:
-    """The unbroken run, a folder to work in, and what was found."""
+    """The unbroken run, a folder to work in, the cores of a run, the stages to spoil, and what was found."""
 
-    def __init__(self, reference: Copy, work: Path):
-        self.reference, self.work, self.failed = reference, work, 0
+    def __init__(self, reference: Copy, work: Path, cores: int, stages: list[str]):
+        self.reference, self.work, self.cores, self.stages, self.failed = reference, work, cores, stages, 0
         self.sums = reference.checksums()
 
     def copy(self, name: str, finished: bool = True) -> Copy:
         """Return a copy of the project, with the results of the unbroken run or without."""
-        copy = Copy(self.work / name)
+        copy = Copy(self.work / name, self.cores)
         if finished and not copy.outputs.exists():
             shutil.copytree(self.reference.folder / "outputs", copy.folder / "outputs")
             shutil.copytree(self.reference.folder / ".snakemake", copy.folder / ".snakemake", symlinks=True)
@@ -54,21 +62,21 @@ class Bench:
         return not unlike
 
 
-def commands(copy: Copy) -> dict[str, str]:
-    """Shell commands of the stages, by name, as Snakemake would run them."""
+def commands(copy: Copy, stages: list[str]) -> dict[str, str]:
+    """Shell commands of some stages or of all, by name, as Snakemake would run them."""
     _, printed = copy.run("-n", "-p", "--forceall", "all", cores=1)
     found = re.findall(r"^\s*(?:Shell command: )?((?:STAGE_USAGE=\S+ )?python -m pipeline\.(\w+) .*?tee \S+)$", printed,
                        re.MULTILINE)
-    return {stage: command for command, stage in found}
+    return {stage: command for command, stage in found if not stages or stage in stages}
 
 
 def sh(copy: Copy, command: str, memory: int = 0, **environment: str) -> tuple[int, str]:
     """Run a shell command in a copy; return its exit code and what it printed."""
     limit = (lambda: resource.setrlimit(resource.RLIMIT_AS, (memory, memory))) if memory else None
-    done = subprocess.run(["bash", "-c", f"set -euo pipefail; {command}"], cwd=copy.folder, capture_output=True,
+    done = subprocess.run(["bash", "-c", f"{PREFIX}{command}"], cwd=copy.folder, capture_output=True,
                           text=True, preexec_fn=limit, stdin=subprocess.DEVNULL,
                           env=os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-                                            "PYTHONPATH": str(copy.folder)} | environment)
+                                            "PYTHONPATH": str(copy.folder), "OMP_NUM_THREADS": "1"} | environment)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -78,7 +86,9 @@ def errors(printed: str) -> list[str]:
 
 
 def outputs_of(command: str) -> list[str]:
-    """Paths that a command writes."""
+    """Paths that a command writes; what `index_run` calls frames it reads."""
+    if "pipeline.index_run" in command:
+        return re.findall(r"--output (outputs/\S+)", command)
     return re.findall(r"--(?:output|report|frames|checkpoint|costs|summary|plots|meanings|page|table|animation|poster|"
                       r"moments) (outputs/\S+)", command)
 
@@ -94,7 +104,7 @@ def disk(bench: Bench) -> None:
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", copy.folder / "outputs"], check=True)
     try:
         shutil.copytree(kept, copy.folder / "outputs", dirs_exist_ok=True)
-        for stage, command in commands(copy).items():
+        for stage, command in commands(copy, bench.stages).items():
             for path in outputs_of(command):
                 target = copy.folder / path
                 shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
@@ -102,12 +112,14 @@ def disk(bench: Bench) -> None:
             filler = copy.folder / "outputs" / "filler"
             subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True)
             code, printed = sh(copy, command)
-            told = errors(printed)
+            told = errors(printed) or [line for line in printed.splitlines() if line.startswith("tee: ")]
             left = [path for path in copy.outputs.rglob(".*") if path.name != ".snakemake_timestamp"]
             filler.unlink()
-            kept_all = not differences(before, copy.checksums())
+            now = copy.checksums()  # of several files of a stage the first may have got their names, whole
+            kept_all = all(now.get(name) == one for name, one in before.items()) and all(
+                one in (before.get(name), bench.sums.get(name)) for name, one in now.items())
             again, after = (0, "") if stage == "estimate" else sh(copy, command)
-            good = (code != 0 and len(told) == 1 and "the disk is full" in told[0] and TRACE not in printed and kept_all
+            good = (code != 0 and len(told) == 1 and FULL.search(told[0]) and TRACE not in printed and kept_all
                     and not left and again == 0 and (stage == "estimate" or bench.same(copy, (
                         *(str(Path(path).relative_to(f"outputs/{SCENE}/draft")) for path in outputs_of(command)
                           if "cost" not in path and "effects" not in path and "index" not in path), "/"))))
@@ -122,15 +134,33 @@ def disk(bench: Bench) -> None:
 def memory(bench: Bench) -> None:
     """Stages with less address space than they need."""
     copy = bench.copy("memory")
-    for stage, command in commands(copy).items():
-        if stage not in ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics"):
-            continue
-        for limit in (0.7, 1.2, 2.0):
+    ended = collections.Counter()
+    for stage, command in commands(copy, bench.stages).items():
+        for limit in (0.25, 0.5, 1.0, 1.5, 2.0, 3.0):
             code, printed = sh(copy, command, memory=int(limit * GIB))
-            good = code == 0 or (len(errors(printed)) >= 1 and TRACE not in printed)
+            good = code == 0 or (len(errors(printed)) == 1 and TRACE not in printed)
+            ended["well" if code == 0 else "sentences" if good else "FAILED"] += 1
             bench.tell(f"{stage} with {limit:g} GiB of address space", good,
                        "ended well" if code == 0 else f"code {code}, {(errors(printed) or [printed[-300:]])[0]}")
+    print(", ".join(f"{count} {how}" for how, count in sorted(ended.items())))
     code, printed = copy.run("all")
+    bench.tell("the same run with memory", code == 0 and bench.same(copy), f"code {code}")
+
+
+def killed(bench: Bench) -> None:
+    """A stage that is killed with -9, as the system does where memory is full."""
+    copy = bench.copy("killed")
+    (copy.outputs / "metrics.csv").unlink()
+    run, found = copy.start("all"), []
+    while run.poll() is None and not found:
+        found = copy.processes("-m", "pipeline.metrics")
+        time.sleep(0.02)
+    for process in found:
+        os.kill(process, signal.SIGKILL)
+    code, told = run.wait(), errors((copy.folder / "snakemake.log").read_text())
+    good = code == 1 and len(set(told)) == 1 and told[0].startswith("error: not enough memory to run metrics, unless ")
+    bench.tell("metrics killed with -9", good, (told or ["no word"])[0])
+    code, _ = copy.run("all")
     bench.tell("the same run with memory", code == 0 and bench.same(copy), f"code {code}")
 
 
@@ -143,7 +173,7 @@ def opengl(bench: Bench) -> None:
     libraries = subprocess.run("ls /usr/lib/*/lib{OSMesa,EGL,GL,GLX,OpenGL}.so* 2>/dev/null", shell=True,
                                executable="/bin/bash", capture_output=True, text=True).stdout.split()
     hide = "; ".join(f"mount --bind {FREE} {path}" for path in libraries)
-    run = f"{hide}; exec {sys.executable} -m snakemake -j2 all --config 'scenes=[{SCENE}]'"
+    run = f"{hide}; exec {sys.executable} -m snakemake -j{bench.cores} all --config 'scenes=[{SCENE}]'"
     done = subprocess.run(["unshare", "-m", "bash", "-c", run], cwd=copy.folder, capture_output=True, text=True,
                           env=os.environ | {"PYTHONPATH": str(copy.folder)})
     printed = done.stdout + done.stderr
@@ -162,22 +192,24 @@ def folder(bench: Bench) -> None:
 
 
 def home(bench: Bench) -> None:
-    """A home that is not there or cannot be written, with the cache that `./run` then chooses."""
+    """A home that is not there or cannot be written, with the cache that `./run` and `eye-oil` then choose."""
     copy = bench.copy("home")
-    for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4"):
-        path.unlink()
     with_run = f"source <(sed -n '/^find_cache()/,/^}}/p' {ROOT / 'run'}); find_cache; exec \"$@\""
+    starts = {"./run": ["bash", "-c", with_run, "run", sys.executable, "-m", "snakemake"],
+              "eye-oil": [sys.executable, "-m", "pipeline.workflow.command"]}
     (bench.work / "locked").mkdir(exist_ok=True)
     os.chmod(bench.work, 0o755)
-    for name in ("/nonexistent", str(bench.work / "locked")):
+    for name, start in ((name, start) for name in ("/nonexistent", str(bench.work / "locked")) for start in starts):
+        for path in (copy.outputs / "metrics.csv", copy.outputs / "movie.mp4"):
+            path.unlink(missing_ok=True)
         os.chmod(bench.work / "locked", 0o555)
         user = as_user(copy, 54321)
-        done = subprocess.run([*user, "bash", "-c", with_run, "run", sys.executable, "-m", "snakemake", "-j2", "all",
-                               "--config", f"scenes=[{SCENE}]"], cwd=copy.folder, capture_output=True, text=True,
+        done = subprocess.run([*user, *starts[start], f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"],
+                              cwd=copy.folder, capture_output=True, text=True,
                               env={"PATH": os.environ["PATH"], "HOME": name, "PYTHONPATH": str(copy.folder)})
         printed = done.stdout + done.stderr
-        good = TRACE not in printed and (done.returncode == 0 and bench.same(copy))
-        bench.tell(f"home {name}, which cannot be written", good,
+        good = TRACE not in printed and done.returncode == 0 and bench.same(copy)
+        bench.tell(f"{start} with the home {name}, which cannot be written", good,
                    f"code {done.returncode}" + ("" if good else f", {printed[-600:]}"))
 
 
@@ -193,7 +225,7 @@ def users(bench: Bench) -> None:
     os.chmod(bench.work, 0o755)
     as_user(copy, 54321)
     (copy.outputs / "metrics.csv").unlink()
-    command = ["-m", "snakemake", "-j2", "all", "--config", f"scenes=[{SCENE}]"]
+    command = ["-m", "snakemake", f"-j{bench.cores}", "all", "--config", f"scenes=[{SCENE}]"]
     environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "USER": "other", "PYTHONPATH": str(copy.folder)}
     done = subprocess.run(["setpriv", "--reuid=54322", "--clear-groups", "--inh-caps=-all", sys.executable, *command],
                           cwd=copy.folder, capture_output=True, text=True, env=environment)
@@ -238,22 +270,24 @@ def clock(bench: Bench) -> None:
                    f"nothing to be done in run {runs}" if good else printed[-500:])
 
 
-TRIALS = {trial.__name__: trial for trial in (disk, memory, opengl, folder, home, users, locks, clock)}
+TRIALS = {trial.__name__: trial for trial in (disk, memory, killed, opengl, folder, home, users, locks, clock)}
 
 
 def main() -> int:
     """Run the trials."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trials", nargs="*", metavar="TRIAL", help=f"which of {', '.join(TRIALS)} (default: all)")
+    parser.add_argument("--cores", type=int, default=2, help="of every run (default 2)")
+    parser.add_argument("--stages", nargs="+", default=[], help="of the trials of disk and memory (default: all)")
     parser.add_argument("--reference", type=Path, help="copy of the project with an unbroken run (made where missing)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="surroundings_") as work:
-        reference = Copy((options.reference or Path(work) / "unbroken").resolve())
+        reference = Copy((options.reference or Path(work) / "unbroken").resolve(), options.cores)
         code, printed = reference.run()
         if code:
             print(printed)
             return code
-        bench = Bench(reference, Path(work))
+        bench = Bench(reference, Path(work), options.cores, options.stages)
         for name in options.trials or TRIALS:
             TRIALS[name](bench)
     return int(bench.failed > 0)

@@ -2,13 +2,15 @@
 import errno
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NoReturn
 
 from pipeline.base.errors import UserError
+from pipeline.base.home import stand_in_for_home
+from pipeline.base.memory import FAILED, end_in_sentence, sentence_of
 from pipeline.base.usage import write_if_asked
 
 WRONG_INPUT = 2
-FAILED = 1
 INTERRUPTED = 130
 
 _REASONS = {
@@ -31,6 +33,7 @@ def run(main: Callable[[], int | None]) -> NoReturn:
     is raised is a defect of the program and keeps its traceback.
     """
     try:
+        stand_in_for_home()
         code = main() or 0
         sys.stdout.flush()
         if code == 0:
@@ -40,13 +43,14 @@ def run(main: Callable[[], int | None]) -> NoReturn:
     except BrokenPipeError:
         sys.stdout = None  # the reader (`head`, a closed pager) has seen enough; nothing is left to flush at exit
         code = FAILED
-    except OSError as error:
-        code = _report(FAILED, describe(error))
-    except MemoryError as error:
-        code = _report(FAILED, f"out of memory ({error}), use a coarser accuracy level" if str(error) else
-                       "out of memory, use a coarser accuracy level")
     except KeyboardInterrupt:
         code = _report(INTERRUPTED, "interrupted")
+    except Exception as error:
+        if sentence := sentence_of(error, Path(sys.argv[0]).stem):
+            end_in_sentence(sentence)
+        if not isinstance(error, OSError):
+            raise
+        code = _report(FAILED, describe(error))
     sys.exit(code)
 
 

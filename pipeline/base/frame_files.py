@@ -5,17 +5,16 @@ reads no ``.vtp`` and no LZ4, so the arrays are stored raw. Every array carries 
 parts of ``volume_fraction`` and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8
 bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()`` (``pipeline.base.vtk_files``).
 """
-import contextlib
 import dataclasses
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pipeline.base.checksum import check
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.numpy_files import read_arrays, write_arrays
@@ -115,19 +114,6 @@ def write_frame(path: str | os.PathLike, frame: FrameData) -> None:
         write_vtk(_to_vtk(frame, unstructured=path.suffix == ".vtu"), partial, compress=False)
 
 
-@contextlib.contextmanager
-def _silent_vtk():
-    """Keep VTK from printing its own errors: the caller turns them into one sentence."""
-    from vtkmodules.vtkCommonCore import vtkObject
-
-    shown = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()
-    try:
-        yield
-    finally:
-        vtkObject.SetGlobalWarningDisplay(shown)
-
-
 def _to_vtk(frame: FrameData, *, unstructured: bool):
     """The frame as a vtkUnstructuredGrid or vtkPolyData of vertices."""
     import pyvista
@@ -192,56 +178,42 @@ def read_frame(path: str | os.PathLike) -> FrameData:
     UserError : the file is missing, or no frame of this pipeline.
     DamagedFile : its checksum does not fit.
     """
-    import vtk
+    from pipeline.base.vtk_files import read_raw
 
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such frame; run the simulate stage first")
     if path.suffix not in FRAME_SUFFIXES:
         raise UserError(f"{path}: a frame is a {' or '.join(FRAME_SUFFIXES)} file")
-    check(path)
-    reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkXMLPolyDataReader()
-    reader.SetFileName(str(path))
-    with _silent_vtk():
-        reader.Update()
-    mesh = reader.GetOutput()
-    points = _named_arrays(mesh.GetPointData())
-    fields = _named_arrays(mesh.GetFieldData())
-    missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
-    if reader.GetErrorCode() or missing:
-        raise UserError(f"{path}: is no frame of this pipeline"
-                        + (f" (without {', '.join(sorted(missing))})" if missing else "") + "; run its segment again")
     try:
-        return _from_arrays(points, fields, mesh.GetPoints())
-    except (ValueError, IndexError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: is no frame of this pipeline ({error}); run its segment again") from error
+        points, fields, coordinates = read_raw(path)
+        missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
+        if missing:
+            raise ValueError(f"without {', '.join(sorted(missing))}")
+        return _from_arrays(points, fields, coordinates)
+    except (ValueError, IndexError, KeyError, TypeError, ElementTree.ParseError) as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
 
 
-def _from_arrays(points: dict[str, np.ndarray], fields: dict[str, np.ndarray], coordinates) -> FrameData:
-    """The frame of which VTK has found the arrays and the coordinates."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
+def _from_arrays(points: dict[str, np.ndarray], fields: dict[str, np.ndarray], coordinates: np.ndarray) -> FrameData:
+    """The frame that the arrays of a file make."""
     dimension = int(fields.pop("dimension")[0])
+    if dimension not in (2, 3):
+        raise ValueError(f"its dimension is {dimension}, but must be 2 or 3")
     fields.pop("fill")
     texts = {name: fields.pop(name).tobytes().decode() for name in TEXTS}
     liquids = tuple(texts["liquids"].split("\n"))
-    # VTK forgets the second axis of a single liquid.
-    points["volume_fraction"] = points["volume_fraction"].reshape(-1, len(liquids))
-    position = vtk_to_numpy(coordinates.GetData())[:, :dimension].copy() if coordinates else np.zeros((0, dimension))
+    shapes = {"velocity": (3,), "volume_fraction": (len(liquids),)}
+    for name in POINT_UNITS:  # VTK knows no second axis of length 1
+        points[name] = points[name].reshape(len(coordinates), *shapes.get(name, ()))
     return FrameData(
-        position=position, **{name: points.pop(name) for name in POINT_UNITS},
-        time=float(fields.pop("time")[0]), step=int(fields.pop("step")[0]), gravity=fields.pop("gravity").ravel(),
+        position=coordinates[:, :dimension].copy(), **{name: points.pop(name) for name in POINT_UNITS},
+        time=float(fields.pop("time")[0]), step=int(fields.pop("step")[0]), gravity=fields.pop("gravity").reshape(3),
         particle_spacing=float(fields.pop("particle_spacing")[0]), scene=texts["scene"],
         liquids=liquids,
         statistics={name: values[0].item() for name, values in fields.items()}, extra=points,
     )
-
-
-def _named_arrays(attributes) -> dict[str, np.ndarray]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    arrays = (attributes.GetArray(index) for index in range(attributes.GetNumberOfArrays()))
-    return {array.GetName(): vtk_to_numpy(array).copy() for array in arrays if array is not None}
 
 
 def write_pvd(path: str | os.PathLike, entries: Iterable[tuple[float, str]]) -> None:

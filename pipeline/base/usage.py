@@ -15,6 +15,7 @@ from pathlib import Path
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.memory import sentence_of_signal
 from sim.cores import available_cores
 
 ASKED = "STAGE_USAGE"
@@ -114,6 +115,6 @@ def run_stage(stage: str, *arguments: object, threads: int | None = None, quiet:
                 sys.stderr.write(line)
                 sys.stderr.flush()
             last = line.strip() or last
-        if process.wait():
-            raise UserError(*(errors or [f"the stage {stage} has failed ({last})"]))
+        if code := process.wait():
+            raise UserError(*(errors or [sentence_of_signal(-code, stage) or f"the stage {stage} has failed ({last})"]))
         return read_usage(path)

@@ -6,10 +6,16 @@ has arrays of strings, but meshio refuses files with them.
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from pipeline.base.checksum import append_checksum, check
+
+APPENDED = b'<AppendedData encoding="raw">'
+LONGEST_HEAD = 2**20  # bytes; that of a frame has 8,000
+TYPES = {"Int8": "<i1", "UInt8": "<u1", "Int16": "<i2", "UInt16": "<u2", "Int32": "<i4", "UInt32": "<u4",
+         "Int64": "<i8", "UInt64": "<u8", "Float32": "<f4", "Float64": "<f8"}  # in VTK and in NumPy
 
 
 def write_vtk(data, path: str | Path, *, compress: bool = True) -> None:
@@ -56,6 +62,56 @@ def read_vtk(path: str | Path):
     import pyvista
 
     return pyvista.read(path)
+
+
+def read_raw(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
+    """Read a grid or poly data that :func:`write_vtk` has written without compression; no reader of VTK sees the file.
+
+    VTK believes the sizes in its head and crashes on forged ones. Here every size is compared with the length of the
+    file before anything is allocated.
+
+    Returns
+    -------
+    Arrays of the points, name -> (n,) or (n, k); of the field data, name -> (m,) or (m, k); coordinates (n, 3).
+
+    Raises
+    ------
+    DamagedFile : the checksum of the file does not fit.
+    ValueError : the file is of another kind, or its head does not fit its content.
+    """
+    check(path)
+    content = Path(path).read_bytes()
+    end = content.find(APPENDED, 0, LONGEST_HEAD)
+    if end < 0 or b"<!" in content[:end]:  # no entities, which may grow without end
+        raise ValueError("it has no head of VTK")
+    head = ElementTree.fromstring(content[:end] + b"</VTKFile>")
+    if head.get("byte_order") != "LittleEndian" or head.get("compressor"):
+        raise ValueError("it is not stored raw in little-endian order")
+    begin = content.index(b"_", end) + 1
+    size = np.dtype(TYPES[head.get("header_type", "UInt32")])
+    piece = head.find("./*/Piece")
+    if piece is None:
+        raise ValueError("it has no piece")
+    count = int(piece.get("NumberOfPoints", ""))
+
+    def values(entry: ElementTree.Element, tuples: int) -> np.ndarray:
+        kind, components = np.dtype(TYPES[entry.get("type", "")]), int(entry.get("NumberOfComponents", "1"))
+        start, name = begin + int(entry.get("offset", "")), entry.get("Name")
+        length = tuples * components * kind.itemsize
+        if min(tuples, components - 1, start - begin) < 0 or start + size.itemsize + length > len(content):
+            raise ValueError(f"{name} is larger than the file")
+        if np.frombuffer(content, size, 1, start)[0] != length:
+            raise ValueError(f"{name} has another size than its head says")
+        flat = np.frombuffer(content, kind, tuples * components, start + size.itemsize).copy()
+        return flat if components == 1 else flat.reshape(tuples, components)
+
+    fields = {str(entry.get("Name")): values(entry, int(entry.get("NumberOfTuples", "")))
+              for entry in head.findall("./*/FieldData/DataArray")}
+    points = {str(entry.get("Name")): values(entry, count) for entry in piece.findall("./PointData/DataArray")}
+    coordinates = piece.find("./Points/DataArray")
+    if coordinates is None:
+        raise ValueError("it has no points")
+    return points, fields, values(coordinates, count).reshape(count, 3)
 
 
 def set_text(data, name: str, text: str | Iterable[str]) -> None:

@@ -15,7 +15,8 @@ import pyvista
 import trimesh
 
 from pipeline.base.errors import UserError
-from pipeline.cavity import vtk_reader
+from pipeline.cavity import large_stl, vtk_reader
+from pipeline.cavity.large_stl import reduced
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
 from pipeline.cavity.vtk_reader import outer_surface
 from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
@@ -82,6 +83,8 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_orig
         check_unit(path, np.ptp(vertices[np.unique(faces)], axis=0), unit)
     vertices, faces, coarsened = coarsen(MESH_UNITS[unit] * vertices, faces)
     mesh, repairs = repair(trimesh.Trimesh(vertices, faces, process=False), str(path))
+    if many := large_stl.many_triangles(Path(path)):
+        repairs.insert(0, f"read {many} triangles in slabs, which were reduced one by one")
     repairs = coarsened + repairs
     if not force and not SMALLEST_VOLUME <= mesh.volume <= LARGEST_VOLUME:
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
@@ -135,7 +138,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with _silent_reader():
             surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
         return np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
-    except (OSError, UserError):
+    except (OSError, MemoryError, UserError):
         raise
     # The readers raise anything from ValueError to their own kinds; all mean that the content is not of this format.
     except Exception as error:
@@ -177,20 +180,7 @@ def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     """
     if len(faces) <= MOST_TRIANGLES:
         return vertices, faces, []
-    from vtkmodules.vtkFiltersCore import vtkDecimatePro, vtkStaticCleanPolyData
-
-    weld = vtkStaticCleanPolyData()  # what is not joined cannot be reduced
-    weld.SetInputData(pyvista.make_tri_mesh(vertices, faces))
-    weld.ToleranceIsAbsoluteOn()
-    weld.SetAbsoluteTolerance(10.0**-WELD_DIGITS)
-    reduce = vtkDecimatePro()
-    reduce.SetInputConnection(weld.GetOutputPort())
-    reduce.SetTargetReduction(1.0 - MOST_TRIANGLES / len(faces))
-    reduce.PreserveTopologyOn()
-    reduce.BoundaryVertexDeletionOff()  # holes keep their outline
-    reduce.Update()
-    surface = pyvista.wrap(reduce.GetOutput())
-    coarse = np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
+    coarse = reduced(vertices, faces, 10.0**-WELD_DIGITS, MOST_TRIANGLES / len(faces))
     return *coarse, [f"reduced {len(faces)} triangles to {len(coarse[1])}, far finer than the particles"]
 
 
@@ -198,6 +188,8 @@ def _read_by_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """What :func:`read_triangles` returns, read in a process of its own, for damaged files crash VTK."""
     if path.suffix.lower() == ".stl":
         refuse_cut_short(path)
+        if large_stl.many_triangles(path):
+            return large_stl.read_reduced(path)
     with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
         target = Path(folder) / "triangles.npz"
         done = subprocess.run([sys.executable, "-P", vtk_reader.__file__, path, target], capture_output=True,

@@ -13,7 +13,7 @@ from synthetic_frames import make_frame
 from pipeline import frames as stage
 from pipeline.base import files
 from pipeline.base import frame_files as frames
-from pipeline.base.checksum import DamagedFile
+from pipeline.base.checksum import LENGTH, DamagedFile, append_checksum
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.numpy_files import write_arrays
@@ -224,6 +224,42 @@ def test_what_no_run_leaves_in_a_checkpoint_is_named(tmp_path, name, place, valu
     with pytest.raises(UserError, match=reason) as caught:
         restore(runner, state, tmp_path / "segment_000.npz", begins=False)
     assert str(caught.value).startswith(f"{tmp_path}/segment_000.npz: is no checkpoint that this scene can start from")
+
+
+@pytest.mark.parametrize("suffix", frames.FRAME_SUFFIXES)
+@pytest.mark.parametrize(("before", "after", "reason"), [
+    (b'NumberOfPoints="100"', b'NumberOfPoints="99999999999999999999"', "larger than the file"),
+    (b'NumberOfPoints="100"', b'NumberOfPoints="-1"', "larger than the file"),
+    (b'NumberOfPoints="100"', b'NumberOfPoints="99"', "another size than its head says"),
+    (b'NumberOfPoints="100"', b'NumberOfPoints="1e308"', "invalid literal"),
+    (b'type="Float64" Name="pressure"', b'type="Float32" Name="pressure"', "pressure has another size"),
+    (b'Name="liquids"', b'Name="solids"', "without liquids"),
+    (b'NumberOfComponents="3"', b'NumberOfComponents="0"', "larger than the file"),
+    (b'offset="0"', b'offset="-9999"', "larger than the file"),
+    (b'encoding="raw"', b'encoding="base64"', "no head of VTK"),
+    (b"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "bb">]><VTKFile', "no head of VTK"),
+    (b"<FieldData>", b"<Field>", "mismatched tag"),
+])
+def test_a_frame_that_was_forged_is_a_sentence(tmp_path, suffix, before, after, reason):
+    """With a checksum that fits: the reader of VTK crashed on the first of them."""
+    path = frames.frame_path(tmp_path, 0, suffix)
+    frames.write_frame(path, make_frame(count=100))
+    content = path.read_bytes()[:-LENGTH]
+    assert before in content
+    path.write_bytes(content.replace(before, after, 1))
+    append_checksum(path)
+    with pytest.raises(UserError, match=f"^{path}: is no frame of this pipeline .*{reason}.*; run its segment again$"):
+        frames.read_frame(path)
+
+
+def test_a_checkpoint_that_was_forged_allocates_nothing(tmp_path):
+    path = tmp_path / "checkpoint.npz"
+    frames.save_checkpoint(path, {"position": np.arange(1000.0)})
+    content = path.read_bytes()[:-LENGTH]
+    path.write_bytes(content.replace(b"(1000,), }    ", b"(99999999,), }"))
+    append_checksum(path)
+    with pytest.raises(DamagedFile, match="larger than the file"):
+        frames.load_checkpoint(path)
 
 
 def test_failed_write_leaves_the_old_folder(tmp_path):

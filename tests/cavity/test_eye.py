@@ -13,7 +13,7 @@ from conftest import ROOT
 
 from pipeline import eye as stage
 from pipeline.base.errors import UserError
-from pipeline.cavity import mesh_import
+from pipeline.cavity import large_stl, mesh_import
 from pipeline.cavity.mesh_import import MeshRefused, globe_center, import_mesh
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.cavity.surface import cavity_mesh, read_mesh, write_mesh
@@ -240,6 +240,34 @@ def test_triangles_that_no_particle_sees_are_reduced(eye, tmp_path, monkeypatch)
     assert len(imported.mesh.faces) <= most + 2 and imported.mesh.is_watertight
     assert imported.mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-3)
     assert distance_to_triangles(imported.mesh, 1e-3 * eye.vertices[::50], longest_edge=1e-3).max() < 0.1e-3
+
+
+def test_a_large_stl_is_reduced_slab_by_slab(eye, tmp_path, monkeypatch):
+    """Slabs fit together, and a hole keeps its width."""
+    monkeypatch.setattr(large_stl, "AT_ONCE", len(eye.faces) // 5)
+    monkeypatch.setattr(large_stl, "LEFT", len(eye.faces) // 2)
+    imported = import_mesh(exported(eye, tmp_path, "eye.stl"))
+    assert imported.repairs[0] == f"read {len(eye.faces)} triangles in slabs, which were reduced one by one"
+    assert len(imported.mesh.faces) < 0.6 * len(eye.faces) and imported.mesh.is_watertight
+    assert imported.mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-3)
+    assert distance_to_triangles(imported.mesh, 1e-3 * eye.vertices[::50], longest_edge=1e-3).max() < 0.1e-3
+    told = []
+    for most in (len(eye.faces) // 2, 10 * len(eye.faces)):
+        monkeypatch.setattr(large_stl, "LEFT", most)
+        with pytest.raises(MeshRefused) as refused:
+            import_mesh(exported(without(eye, [10, 0, -4], 2.5), tmp_path, "open.stl"))
+        told.append(str(refused.value))
+    assert told[0] == told[1] and "edges stay open, the widest hole is" in told[0]
+
+
+def test_a_large_stl_without_finite_numbers_is_a_sentence(eye, tmp_path, monkeypatch):
+    monkeypatch.setattr(large_stl, "LEFT", len(eye.faces) // 2)
+    path = exported(eye, tmp_path, "eye.stl")
+    content = bytearray(path.read_bytes())
+    content[84 + 50 * 1000 + 12:84 + 50 * 1000 + 16] = np.float32(np.nan).tobytes()
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"cannot be read as STL \(it holds numbers that are not finite\)"):
+        import_mesh(path)
 
 
 def run_stage(scene, folder) -> subprocess.CompletedProcess:

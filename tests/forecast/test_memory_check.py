@@ -6,11 +6,11 @@ import pytest
 import trimesh
 from conftest import ROOT
 
+from pipeline.base import memory
 from pipeline.base.errors import UserError
 from pipeline.cavity.voxels import voxelize
 from pipeline.scenes import memory_check
 from pipeline.scenes.load import load_scene
-from pipeline.scenes.memory_check import memory_of_computer
 from sim import profiling as costs
 from sim.memory import bytes_per_particle, needed_bytes
 
@@ -99,11 +99,11 @@ def test_more_head_room_needs_more_memory(monkeypatch):
 
 
 def test_control_group_limits_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(memory_check, "CGROUPS", tmp_path)
-    everything = memory_of_computer()
+    monkeypatch.setattr(memory, "CGROUPS", tmp_path)
+    everything = memory.memory_of_computer()
     (tmp_path / "memory.max").write_text("max\n")
-    assert memory_of_computer() == everything
+    assert memory.memory_of_computer() == everything
     for name in ("memory.max", "memory/memory.limit_in_bytes"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("1000000\n")
-    assert memory_of_computer() == 1e6
+    assert memory.memory_of_computer() == 1e6
