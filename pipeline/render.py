@@ -35,7 +35,7 @@ from pipeline.pictures.paint import COLORS
 from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, SectionPanel, scheme_of
 from pipeline.scenes.effects import droplets_of, places_at_work
 from pipeline.scenes.retina import globe_radius
-from pipeline.surfaces.surface_files import read_retina, read_section, read_surface, read_wall, surface_path
+from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 
 HEADER, CAPTIONS, FOOTER = 0.12, 0.065, 0.105       # of the height
 COLUMNS, COLUMNS_WITHOUT_VIEW = (0.37, 0.25, 0.38), (0.5, 0.5)     # of the width
@@ -233,7 +233,7 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
             for path in paths:
                 frame = read_frame(path)
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
-                meshes = {liquid: read_surface(surface_path(surfaces, path.stem, liquid)) for liquid in needed}
+                meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:
                     section = read_section(surfaces / f"{path.stem}_section.vti")
                     wall = read_wall(surfaces / f"{path.stem}_wall.vtp")

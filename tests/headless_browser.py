@@ -69,9 +69,10 @@ class Browser:
         *whole, self._rest = self._rest.split(b"\0")
         return map(json.loads, whole)
 
-    def open(self, page: Path, width: int, height: int = 900) -> None:
-        """Open a file in a window of a size in pixels and wait until it is there."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+    def open(self, page: Path, width: int, height: int = 900, phone: bool = False) -> None:
+        """Open a file in a window of a size in pixels, or on a phone, and wait until it is there."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
+        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
         self.call("Page.navigate", url=page.resolve().as_uri())
         self.run("new Promise(done => document.readyState == 'complete' ? done() : addEventListener('load', done))")
 
@@ -81,15 +82,32 @@ class Browser:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def drag(self, selector: str, right: int, down: int) -> None:
-        """Drag the mouse from the middle of an element."""
-        x, y = self.run(f"""(() => {{ const element = document.querySelector("{selector}");
+    def middle(self, selector: str) -> tuple[float, float]:
+        """Return the place in the window of the middle of an element, scrolled to where it can be seen."""
+        return self.run(f"""(() => {{ const element = document.querySelector("{selector}");
             element.scrollIntoView({{block: "center"}}); const box = element.getBoundingClientRect();
             return [box.x + box.width / 2, box.y + box.height / 2]; }})()""")
+
+    def wait_for_drawing(self) -> None:
+        """Wait until what was asked for has been drawn."""
+        self.run("new Promise(requestAnimationFrame).then(() => new Promise(requestAnimationFrame)).then(() => 0)")
+
+    def touch(self, selector: str, right: int, down: int, steps: int = 6) -> None:
+        """Draw a finger over a screen, from the middle of an element."""
+        x, y = self.middle(selector)
+        for step in range(steps + 1):
+            at = {"x": x + right * step / steps, "y": y + down * step / steps}
+            self.call("Input.dispatchTouchEvent", type="touchMove" if step else "touchStart", touchPoints=[at])
+        self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        self.wait_for_drawing()
+
+    def drag(self, selector: str, right: int, down: int) -> None:
+        """Drag the mouse from the middle of an element."""
+        x, y = self.middle(selector)
         for kind, part in (("mousePressed", 0.0), ("mouseMoved", 0.5), ("mouseMoved", 1.0), ("mouseReleased", 1.0)):
             self.call("Input.dispatchMouseEvent", type=kind, x=x + part * right, y=y + part * down, button="left",
                       buttons=0 if kind == "mouseReleased" else 1, clickCount=1)
-        self.run("new Promise(requestAnimationFrame).then(() => new Promise(requestAnimationFrame)).then(() => 0)")
+        self.wait_for_drawing()
 
     def requests(self) -> list[str]:
         """Return what the page has asked others for: neither its own file nor what it holds."""

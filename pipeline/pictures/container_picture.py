@@ -34,7 +34,8 @@ class ContainerRenderer:
         if with_bodies:
             from pipeline.pictures.container_view import ContainerView
 
-            self.view = ContainerView(self.sides, (width - self.split, self.bottom - self.top))
+            self.view = ContainerView(self.sides, (width - self.split, self.bottom - self.top),
+                                      scene.container.funnels)
 
     def picture(self, frame: FrameData, surfaces) -> Image.Image:
         """Picture of one frame; ``surfaces`` is a dict liquid -> pyvista.PolyData."""

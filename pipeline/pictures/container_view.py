@@ -8,6 +8,8 @@ import numpy as np
 PEELS = 4
 GLASS_COLOR, EDGE_COLOR = "#dfe5ec", "#5f6673"
 OPACITY = 0.82
+FUNNEL_OPACITY = 0.35
+MARGIN = 1.08           # of the view, over the box
 # Camera: in front, to the right and above; in units of the size of the container.
 VIEW = np.array([0.55, 0.42, 1.0])
 
@@ -19,9 +21,10 @@ class ContainerView:
     ----------
     sides : (3,) sides of the container, m; its lower corner is the origin.
     size : width and height in pixels of the large canvas.
+    funnels : solid funnels in the container.
     """
 
-    def __init__(self, sides: np.ndarray, size: tuple[int, int]):
+    def __init__(self, sides: np.ndarray, size: tuple[int, int], funnels=()):
         import pyvista
 
         self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="light kit")
@@ -34,7 +37,9 @@ class ContainerView:
             if outward @ VIEW < 0.0:
                 self.plotter.add_mesh(face, color=GLASS_COLOR, ambient=0.6, specular=0.0)
         self.plotter.add_mesh(box.extract_feature_edges(30.0), color=EDGE_COLOR, line_width=max(2, size[1] // 300))
-        self._liquids = []
+        for funnel in funnels:
+            self.plotter.add_mesh(cone(funnel), color=EDGE_COLOR, opacity=FUNNEL_OPACITY, smooth_shading=True)
+        self._liquids: list = []
         self.plotter.enable_parallel_projection()
         center, length = np.array(box.center), box.length
         self.plotter.camera_position = [center + 4.0 * length * VIEW, center, (0.0, 1.0, 0.0)]
@@ -43,14 +48,17 @@ class ContainerView:
         peel(self.plotter)
 
     @staticmethod
-    def _scale(sides: np.ndarray, size: tuple[int, int]) -> float:
-        """Half the height of the view in m, such that the box fits with a margin."""
+    def extent(sides: np.ndarray) -> tuple[float, float]:
+        """Width and height of the box as it is seen, m."""
         forward = -VIEW / np.linalg.norm(VIEW)
         right = np.cross(forward, [0.0, 1.0, 0.0])
         right /= np.linalg.norm(right)
-        up = np.cross(right, forward)
-        half_width, half_height = 0.5 * np.abs(right) @ sides, 0.5 * np.abs(up) @ sides
-        return 1.08 * max(half_height, half_width * size[1] / size[0])
+        return float(np.abs(right) @ sides), float(np.abs(np.cross(right, forward)) @ sides)
+
+    def _scale(self, sides: np.ndarray, size: tuple[int, int]) -> float:
+        """Half the height of the view in m, such that the box fits with a margin."""
+        width, height = self.extent(sides)
+        return 0.5 * MARGIN * max(height, width * size[1] / size[0])
 
     def draw(self, surfaces) -> np.ndarray:
         """Pixels (height, width, 3) with closed surfaces: pairs of pyvista.PolyData and a color."""
@@ -70,6 +78,19 @@ class ContainerView:
     def close(self) -> None:
         """Free the window."""
         self.plotter.close()
+
+
+def cone(funnel):
+    """The middle of the wall of a funnel as pyvista.PolyData, m."""
+    import pyvista
+
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    around = np.stack([np.cos(angle), np.zeros(73), np.sin(angle)], axis=1)
+    rims = [funnel.center + radius * around + [0.0, height, 0.0]
+            for radius, height in ((funnel.lower_radius, 0.0), (funnel.upper_radius, funnel.height))]
+    first = np.arange(72)
+    corners = np.stack([first, first + 1, first + 74, first + 73], axis=1)
+    return pyvista.PolyData.from_regular_faces(np.concatenate(rims), corners)
 
 
 def peel(plotter) -> None:

@@ -18,19 +18,6 @@ def evenly(count: int, frames: int) -> np.ndarray:
     return np.unique(np.rint(np.linspace(0, frames - 1, count + 1)[1:]).astype(int))
 
 
-def draw_particles(axes, position: np.ndarray, diameter: np.ndarray, colors) -> None:
-    """Draw discs at positions, (n, 2), with diameters, (n,), of the same unit."""
-    from matplotlib.collections import EllipseCollection
-
-    axes.add_collection(EllipseCollection(diameter, diameter, 0.0, units="xy", offsets=position, facecolors=colors,
-                                          lw=0.0, offset_transform=axes.transData))
-
-
-def show_box(axes, size) -> None:
-    """Limit axes to a box, (width, height), from the origin, without ticks."""
-    axes.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal", xticks=[], yticks=[])
-
-
 def as_png(canvas, dpi: int) -> bytes:
     """Return a canvas as PNG."""
     buffer = io.BytesIO()

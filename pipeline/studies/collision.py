@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
-from pipeline.pictures.picture_grid import as_png, draw_particles, panels
+from pipeline.pictures.container_sheet import moments, sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of
@@ -23,11 +23,12 @@ from pipeline.study_kit.model import Outcome, Row
 from sim.parameters import parameter
 
 PICTURES = ("collision_pictures",)
+READS = ("frames", "surfaces")
+WIDTH = 460         # of a picture, in pixels of the large canvas
 TOUCHING = 1.5      # particles of one liquid closer than this, in spacings, are of one piece
 SMALLEST_PIECE = 5  # particles
 TIME_SHARE = 0.3    # of the collision, at most, in the paper
 TOGETHER = 0.9      # share of a body in its largest piece, or below the funnel, that counts as all of it
-AZIMUTH, ELEVATION = np.radians(25.0), np.radians(15.0)  # of the view
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +49,10 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """One scene, its frames, and what its segments have cost."""
+    """One scene, its frames and their files, and what its segments have cost."""
 
     scene: Scene
+    paths: list[Path]
     frames: list[FrameData]
     costs: list[dict]
 
@@ -84,7 +86,7 @@ def load_run(folder: Path) -> Run:
     """Read the results of a scene: what was run, all frames, and what they cost."""
     scene = load_resolved(folder / "scene.json")
     paths = [path for name in scene.segment_names for path in find_frames(folder / "frames" / f"segment_{name}")]
-    return Run(scene, [read_frame(path) for path in paths],
+    return Run(scene, paths, [read_frame(path) for path in paths],
                [read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names])
 
 
@@ -170,46 +172,11 @@ def _eggs(runs: list[Run]) -> list[tuple[Row, str]]:
 
 
 def _contact_sheet(runs: list[Run], count: int) -> bytes:
-    """All scenes, a row each, at some times, seen from the front and a little from the right and above, as PNG."""
-    canvas, grid = panels(len(runs), count, (2.6, 1.9))
-    for row, each in zip(grid, runs, strict=True):
-        indices = np.rint(np.linspace(0, len(each.frames) - 1, count)).astype(int)
-        for axes, index in zip(row, indices, strict=True):
-            draw_in_space(axes, each.scene, each.frames[index])
-        row[0].set_title(each.scene.title, fontsize=8, loc="left")
-    return as_png(canvas, dpi=75)
+    """All scenes, a row each, at some times, as PNG."""
+    return sheet([row_of_moments(each, count, WIDTH) for each in runs])
 
 
-def seen(points: np.ndarray) -> np.ndarray:
-    """Right, up and towards the viewer, (n, 3), of points (n, 3)."""
-    turned = points[:, 0] * np.sin(AZIMUTH) + points[:, 2] * np.cos(AZIMUTH)
-    right = points[:, 0] * np.cos(AZIMUTH) - points[:, 2] * np.sin(AZIMUTH)
-    return np.stack([right, points[:, 1] * np.cos(ELEVATION) - turned * np.sin(ELEVATION),
-                     points[:, 1] * np.sin(ELEVATION) + turned * np.cos(ELEVATION)], axis=1)
-
-
-def draw_in_space(axes, scene: Scene, frame: FrameData) -> None:
-    """Draw the particles of a frame over the floor of the container, the nearer the lighter, with the time below."""
-    from matplotlib.colors import to_rgb
-
-    size = np.array(scene.container.size)
-    floor = seen(np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]) * size)
-    axes.fill(floor[:, 0], floor[:, 1], color="#eef1f4", lw=0.5, ec="#c4cbd4")
-    place = seen(frame.position.astype(float))
-    order = np.argsort(place[:, 2])
-    near = (place[:, 2] - place[:, 2].min()) / max(np.ptp(place[:, 2]), 1e-30)
-    color = np.array([to_rgb(liquid.color) for liquid in scene.liquids])[frame.phase] * (0.6 + 0.4 * near)[:, None]
-    diameter = np.full(len(order), 1.1 * frame.particle_spacing)
-    draw_particles(axes, place[order, :2], diameter, color[order])
-    angle = np.linspace(0.0, 2.0 * np.pi, 60)
-    for funnel in scene.container.funnels:
-        for radius, height in ((funnel.lower_radius, 0.0), (funnel.upper_radius, funnel.height)):
-            rim = seen(np.stack([radius * np.cos(angle), np.full(60, height), radius * np.sin(angle)], axis=1)
-                       + np.array(funnel.center))
-            axes.plot(rim[:, 0], rim[:, 1], color="#5c6670", lw=0.8)
-    corners = seen(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size)
-    axes.set(xlim=(corners[:, 0].min(), corners[:, 0].max()), ylim=(corners[:, 1].min(), corners[:, 1].max()),
-             aspect="equal", xticks=[], yticks=[], xlabel=f"{1000.0 * frame.time:.0f} ms")
-    axes.xaxis.label.set_fontsize(8)
-    for side in axes.spines.values():
-        side.set_visible(False)
+def row_of_moments(each: Run, count: int, width: int):
+    """Title and pictures of a run at equal times, the start and the end included, for ``sheet``."""
+    chosen = [each.paths[index] for index in np.rint(np.linspace(0, len(each.paths) - 1, count)).astype(int)]
+    return each.scene.title, moments(each.scene, chosen, width, lambda _, frame: f"{1e3 * frame.time:.0f} ms")

@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.tables import read_table
-from pipeline.pictures.picture_grid import as_png, draw_particles, evenly, panels, show_box
+from pipeline.pictures.container_sheet import moments, sheet
+from pipeline.pictures.picture_grid import evenly
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of
@@ -32,9 +33,11 @@ FIGURES = (
            "(energy above rest + viscous work) / start"),
     Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles"),
 )
-PANEL = 3.0  # width of a picture, in inches
 PICTURES = ("coupling_pictures",)
+READS = ("frames", "surfaces")
+WIDTH = 480          # of a picture, in pixels of the large canvas
 OURS = "volume_incompressible"
+NAMES = {OURS: "Volume-incompressible method", "dfsph": "DFSPH", "wcsph": "WCSPH"}
 SIMILAR = 0.25  # relative difference of computing times that counts as about the same
 
 
@@ -213,17 +216,8 @@ def _claims(methods: list[Method], reference: int) -> list[tuple[Row, str]]:
 
 
 def _side_by_side(methods: list[Method], count: int) -> bytes:
-    """Picture of all methods at the same times, as PNG."""
+    """A row for every method, at the same times from left to right, as PNG."""
     indices = evenly(count, min(len(method.paths) for method in methods))
-    size = methods[0].scene.container.size[:2]
-    canvas, grid = panels(len(indices), len(methods), (PANEL, PANEL * size[1] / size[0] + 0.1), (0.4, 0.5))
-    for column, method in zip(grid.T, methods, strict=True):
-        column[0].set_title(method.name.replace("_", " "), fontsize=11)
-        for axes, index in zip(column, indices, strict=True):
-            frame = read_frame(method.paths[index])
-            draw_particles(axes, frame.position[:, :2], frame.volume.astype(float) ** (1.0 / frame.dimension),
-                           np.array([liquid.color for liquid in method.scene.liquids])[frame.phase])
-            show_box(axes, size)
-            if axes in grid[:, 0]:
-                axes.set_ylabel(f"{frame.time:.2f} s", fontsize=11)
-    return as_png(canvas, dpi=150)
+    return sheet([(NAMES.get(method.name, method.name), moments(method.scene, [method.paths[k] for k in indices], WIDTH,
+                                                                lambda _, frame: f"{frame.time:.2f} s"))
+                  for method in methods])

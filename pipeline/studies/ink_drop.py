@@ -15,7 +15,8 @@ import numpy as np
 
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.measures.mixing_metrics import entropy
-from pipeline.pictures.picture_grid import as_png, draw_particles, evenly, panels, show_box
+from pipeline.pictures.container_sheet import moments, sheet
+from pipeline.pictures.picture_grid import evenly
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
@@ -25,8 +26,9 @@ FIGURES = (
     Figure("ink_drop_variance", "Variance of the volume fraction of ink", "time / s", "variance / unmixed"),
     Figure("ink_drop_entropy", "Entropy of mixing", "time / s", "entropy / evenly mixed"),
 )
-PANEL = 3.2  # width of a picture, in inches
 PICTURES = ("ink_drop_pictures",)
+READS = ("frames", "surfaces")
+WIDTH = 500  # of a picture, in pixels of the large canvas
 LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
 
 
@@ -119,22 +121,12 @@ def _load(folder: Path, ink: str) -> Mixture:
 
 def _rows_of_pictures(mixtures: list[Mixture], count: int) -> bytes:
     """A row for every scene, at the same times from left to right, as PNG; colors mix as the fractions do."""
-    from matplotlib.colors import to_rgb
-
     indices = evenly(count, min(len(mixture.paths) for mixture in mixtures))
-    size = mixtures[0].scene.container.size[:2]
-    canvas, grid = panels(len(mixtures), len(indices), (PANEL, PANEL * size[1] / size[0] + 0.1), (0.4, 0.4))
-    for row, mixture in zip(grid, mixtures, strict=True):
-        colors = np.array([to_rgb(liquid.color) for liquid in mixture.scene.liquids])
-        for axes, index in zip(row, indices, strict=True):
-            frame = read_frame(mixture.paths[index])
-            diameter = 1.15 * frame.volume.astype(float) ** (1.0 / frame.dimension)  # no gaps between particles
-            draw_particles(axes, frame.position[:, :2], diameter,
-                           np.clip(frame.volume_fraction.astype(float) @ colors, 0.0, 1.0))
-            show_box(axes, size)
-            axes.text(0.98, 0.97, f"variance {mixture.variance[index]:.2f}, entropy {mixture.entropy[index]:.2f}",
-                      transform=axes.transAxes, ha="right", va="top", fontsize=9)
-            if axes in grid[0]:
-                axes.set_title(f"{frame.time:.2f} s", fontsize=11)
-        row[0].set_ylabel(f"D_m = {mixture.coefficient:g} m²/s", fontsize=11)
-    return as_png(canvas, dpi=110)
+    rows = []
+    for mixture in mixtures:
+        def caption(number: int, frame, mixture=mixture) -> str:
+            return f"{frame.time:.2f} s, variance {mixture.variance[indices[number]]:.2f}"
+
+        rows.append((f"D_m = {mixture.coefficient:g} m²/s",
+                     moments(mixture.scene, [mixture.paths[k] for k in indices], WIDTH, caption)))
+    return sheet(rows)

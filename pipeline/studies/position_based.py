@@ -13,13 +13,15 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from pipeline.base.frame_files import FrameData
-from pipeline.pictures.picture_grid import as_png, draw_particles, panels, show_box
+from pipeline.pictures.container_sheet import sheet
 from pipeline.simulation.cost_files import seconds_of
-from pipeline.studies.collision import Run, draw_in_space, load_run
+from pipeline.studies.collision import Run, load_run, row_of_moments
 from pipeline.study_kit.model import Outcome, Row, compared
 from sim.parameters import parameter
 
 PICTURES = ("position_based_pictures",)
+READS = ("frames", "surfaces")
+WIDTH = 290         # of a picture, in pixels of the large canvas
 CLOSE = 0.5         # spacings: nearer particles count as clumped
 SPREAD = 0.95       # quantile of the radii that counts as the edge of what has spread
 HUPPERT = 0.894
@@ -183,21 +185,5 @@ def _walls(outcome: Outcome, runs: dict[str, Run]) -> None:
 
 
 def _contact_sheet(runs: list[Run], count: int) -> bytes:
-    """All scenes, two in a row, at some times, as PNG."""
-    canvas, grid = panels(-(-len(runs) // 2), 2 * count, (1.75, 1.5))
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for place, each in enumerate(runs):
-        row = grid[place // 2, (place % 2) * count:][:count]
-        for axes, index in zip(row, np.rint(np.linspace(0, len(each.frames) - 1, count)).astype(int), strict=True):
-            frame = each.frames[index]
-            axes.set_axis_on()
-            if frame.dimension == 3:
-                draw_in_space(axes, each.scene, frame)
-            else:
-                draw_particles(axes, positions(frame), np.full(len(frame.id), frame.particle_spacing),
-                               each.scene.liquids[0].color)
-                show_box(axes, each.scene.container.size)
-                axes.set_xlabel(f"{1000.0 * frame.time:.0f} ms", fontsize=8)
-        row[0].set_title(each.scene.title, fontsize=9, loc="left")
-    return as_png(canvas, dpi=90)
+    """All scenes, two side by side, at some times, as PNG."""
+    return sheet([row_of_moments(each, count, WIDTH) for each in runs], across=2)

@@ -6,7 +6,8 @@ A field is a cubic B-spline of coefficients at the coarse nodes. A spline lies b
 import functools
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+BLOCK = 2048            # bricks that are evaluated together: what they read stays in the processor's cache
 
 
 @functools.cache
@@ -23,14 +24,28 @@ def brick_weights(split: int) -> np.ndarray:
     return np.einsum("ai,bj,ck->ijkabc", one, one, one).reshape(64, split**3).astype(np.float32)
 
 
+def sliding(extreme: np.ufunc, values: np.ndarray, below: int, above: int) -> np.ndarray:
+    """Least or largest value (``np.minimum``, ``np.maximum``) around every node, alike in shape.
+
+    The window is a box from ``below`` nodes below the node to ``above`` above it; values at the border go on beyond it.
+    """
+    size = below + above + 1
+    for axis in range(values.ndim):
+        row = np.pad(values, [(below, above) if one == axis else (0, 0) for one in range(values.ndim)], mode="edge")
+        reached = 1
+        while reached < size:       # windows of 1, 2, 4, ... nodes, the last one of two that overlap
+            step = min(reached, size - reached)
+            ahead, here = ([slice(None)] * values.ndim for _ in range(2))
+            ahead[axis], here[axis] = slice(step, None), slice(None, -step)
+            row, reached = extreme(row[tuple(here)], row[tuple(ahead)]), reached + step
+        values = row
+    return values
+
+
 def spline_range(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest of the coefficients around every coarse cell, at its lowest node, alike in shape."""
-    low = high = coefficients
-    for axis in range(coefficients.ndim):
-        # The window reaches from one node below the cell to one above it.
-        low = minimum_filter1d(low, 4, axis=axis, origin=-1, mode="nearest")
-        high = maximum_filter1d(high, 4, axis=axis, origin=-1, mode="nearest")
-    return low, high
+    # The window reaches from one node below the cell to one above it.
+    return sliding(np.minimum, coefficients, 1, 2), sliding(np.maximum, coefficients, 1, 2)
 
 
 class Bricks:
@@ -74,7 +89,11 @@ class Bricks:
         """Spline at the nodes of all bricks, (n * split**3,) float32."""
         padded = np.pad(coefficients.astype(np.float32, copy=False), (1, 2), mode="edge")
         windows = np.lib.stride_tricks.sliding_window_view(padded, (4, 4, 4))
-        return (windows[tuple(self.corner.T)].reshape(-1, 64) @ brick_weights(self.split)).ravel()
+        values = np.empty((len(self.corner), self.split**3), np.float32)
+        for first in range(0, len(values), BLOCK):
+            some = slice(first, first + BLOCK)
+            values[some] = windows[tuple(self.corner[some].T)].reshape(-1, 64) @ brick_weights(self.split)
+        return values.ravel()
 
     def fine_indices(self, nodes: np.ndarray) -> np.ndarray:
         """Indices (..., 3) of nodes in the fine grid over all."""

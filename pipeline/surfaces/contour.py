@@ -35,10 +35,12 @@ class TriangleMesh:
     def is_closed(self) -> bool:
         """Whether every edge belongs to two triangles, once in each direction (closed, manifold, one orientation)."""
         count = len(self.vertices)
-        start = self.triangles[:, [0, 1, 2]].ravel().astype(np.int64)
+        start = self.triangles.ravel().astype(np.int64)
         end = self.triangles[:, [1, 2, 0]].ravel().astype(np.int64)
-        forward, backward = np.sort(start * count + end), np.sort(end * count + start)
-        return bool(np.array_equal(forward, backward) and (np.diff(forward) > 0).all() and (start != end).all())
+        # Numbers of edges, the last bit of which is the direction: each must be there once in both.
+        key = np.sort(2 * (np.minimum(start, end) * count + np.maximum(start, end)) + (start > end))
+        return len(key) % 2 == 0 and bool((key[::2] % 2 == 0).all() and (key[1::2] == key[::2] + 1).all() and
+                                          (np.diff(key) > 0).all() and (start != end).all())
 
     def component_volumes(self) -> np.ndarray:
         """Signed volume of every connected piece, m**3, the largest first; voids count negative."""
@@ -59,7 +61,7 @@ class TriangleMesh:
 def signed_volumes(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Volumes (t,), m**3, between triangles and a point (3,): of a closed surface their sum is what it encloses."""
     places = np.ascontiguousarray((vertices - point).T)
-    a, b, c = (places[:, corner] for corner in triangles.T)
+    a, b, c = (places.take(corner, axis=1) for corner in np.ascontiguousarray(triangles.T))
     return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
             a[2] * (b[0] * c[1] - b[1] * c[0])) / 6.0
 

@@ -29,17 +29,24 @@ def find_droplets(frame: FrameData, liquid: int, spacing: float) -> list[np.ndar
     members = np.flatnonzero(frame.phase == liquid)
     if not len(members):
         return []
-    position = frame.position[members].astype(float) / (LINK_DISTANCE * spacing)
+    position = frame.position.take(members, axis=0).astype(float) / (LINK_DISTANCE * spacing)
     label = _surely_linked(position)
     # What this has already put into bulk stays there: only the rest has to be looked at pair by pair.
-    few = np.flatnonzero(np.bincount(label)[label] <= DROPLET_PARTICLES)
-    if len(few):
-        found = cKDTree(position).query_ball_point(position[few], 1.0)
-        one, other = np.repeat(few, [len(near) for near in found]), np.concatenate(found).astype(int)
-        label = _pieces(label.max() + 1, label[one], label[other])[label]
-    small = np.flatnonzero(np.bincount(label)[label] <= DROPLET_PARTICLES)
+    if (few := _of_small_pieces(label)) is None:
+        return []
+    found = cKDTree(position).query_ball_point(position[few], 1.0)
+    one, other = np.repeat(few, [len(near) for near in found]), np.concatenate(found).astype(int)
+    label = _pieces(label.max() + 1, label[one], label[other])[label]
+    if (small := _of_small_pieces(label)) is None:
+        return []
     order = small[np.argsort(label[small], kind="stable")]
-    return np.split(members[order], np.flatnonzero(np.diff(label[order])) + 1) if len(small) else []
+    return np.split(members[order], np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _of_small_pieces(label: np.ndarray) -> np.ndarray | None:
+    """Particles (k,) of pieces of so few that they are droplets; None without any."""
+    small = np.bincount(label) <= DROPLET_PARTICLES
+    return np.flatnonzero(small[label]) if small.any() else None
 
 
 def _surely_linked(position: np.ndarray) -> np.ndarray:
@@ -48,27 +55,43 @@ def _surely_linked(position: np.ndarray) -> np.ndarray:
     In bins with a diagonal of 1 all particles are linked; of neighboring bins only the first particles are compared.
     """
     dimension = position.shape[1]
-    place = ((position - position.min(axis=0)) * dimension**0.5).astype(np.int32) + 1
-    shape = place.max(axis=0) + 2
-    flat = np.ravel_multi_index(tuple(place.T), shape)
+    axes = np.ascontiguousarray(position.T)
+    place = [((axis - axis.min()) * dimension**0.5).astype(np.int32) + 2 for axis in axes]
+    shape = np.array([axis.max() for axis in place]) + 3
+    flat = np.ravel_multi_index(tuple(place), shape)
     first = np.full(np.prod(shape), -1, np.int32)
     first[flat] = np.arange(len(flat), dtype=np.int32)
     bins = np.flatnonzero(first >= 0)
-    center = np.ascontiguousarray(position[first[bins]].T, np.float32)
+    center = axes.take(first[bins], axis=1).astype(np.float32)
     number = first      # of the bin from now on
     number[bins] = np.arange(len(bins), dtype=np.int32)
     strides = np.cumprod([1, *shape[:0:-1]])[::-1]
+    piece = _pieces(len(bins), *_links(np.arange(len(bins)), 1, bins, number, center, strides))
+    label = piece[number[flat]]
+    lone = _of_small_pieces(label)
+    if lone is not None:        # a particle may be linked over two bins; rarely is this its only link
+        one, other = _links(np.unique(number[flat[lone]]), 2, bins, number, center, strides)
+        label = _pieces(len(bins), piece[one], piece[other])[label]
+    return label
+
+
+def _links(which: np.ndarray, reach: int, bins: np.ndarray, number: np.ndarray, center: np.ndarray,
+           strides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (k,) of bins of which the first particles are linked: each of ``which`` with bins after it within reach.
+
+    With a reach of more than one, those before it count as well.
+    """
     ones, others = [], []
-    for step in np.ndindex(*[3] * dimension):
-        change = int((np.array(step) - 1) @ strides)
-        if change > 0:
-            other = number[bins + change]
+    for step in np.ndindex(*[2 * reach + 1] * len(strides)):
+        change = int((np.array(step) - reach) @ strides)
+        if change > 0 or (change and reach > 1):
+            other = number[bins[which] + change]
             one = np.flatnonzero(other >= 0)
-            other = other[one]
+            one, other = which[one], other[one]
             near = sum((axis[one] - axis[other]) ** 2 for axis in center) < 0.999       # in single precision
             ones.append(one[near])
             others.append(other[near])
-    return _pieces(len(bins), np.concatenate(ones), np.concatenate(others))[number[flat]]
+    return np.concatenate(ones), np.concatenate(others)
 
 
 def _pieces(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -7,15 +7,17 @@ fraction. Offsets added to the fractions conserve the volume of every liquid; dr
 Equations: docs/methods/surfaces.md.
 """
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d
+from scipy.ndimage import correlate1d
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData
 from pipeline.surfaces.anisotropic_field import AnisotropicField
+from pipeline.surfaces.bricks import sliding
 from pipeline.surfaces.cavity_grid import CavityGrid
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
@@ -215,20 +217,18 @@ class Reconstructor:
         np.minimum.at(least.ravel(), flat, code)
         np.maximum.at(most.ravel(), flat, code)
         reach = int(np.ceil(self._sums.reach * self.grid.spacing / cell))
-        for axis in range(len(shape)):      # cells from reach below the node to reach above it
-            least = minimum_filter1d(least, 2 * reach, axis=axis, mode="nearest")
-            most = maximum_filter1d(most, 2 * reach, axis=axis, mode="nearest")
+        # Cells from reach below the node to reach above it.
+        least, most = sliding(np.minimum, least, reach, reach - 1), sliding(np.maximum, most, reach, reach - 1)
         alone = np.where((least == most) | (most == NOTHING), most, MIXED)
         if self.free_surface:
             # Volumes shared among the nodes of the cells are even where particles are, whatever their places.
             amounts, strides = np.zeros(alone.size), np.cumprod([1, *shape[:0:-1]])[::-1]
-            beyond, amount = place - lowest, volume.astype(np.float32) / np.float32(cell) ** len(shape)
+            beyond, amount = (place - lowest).T, volume.astype(np.float32) / np.float32(cell) ** len(shape)
+            shares = [(1.0 - one, one) for one in beyond]
             for corner in np.ndindex(*[2] * len(shape)):
-                share = np.where(corner, beyond, 1.0 - beyond).prod(axis=1) * amount
+                share = functools.reduce(np.multiply, [one[k] for one, k in zip(shares, corner, strict=True)], amount)
                 amounts += np.bincount(flat + int(np.dot(corner, strides)), share, minlength=alone.size)
-            filled = amounts.reshape(shape).astype(np.float32)
-            for axis in range(len(shape)):
-                filled = minimum_filter1d(filled, 2 * reach + 1, axis=axis, mode="nearest")
+            filled = sliding(np.minimum, amounts.reshape(shape).astype(np.float32), reach, reach)
             alone = np.where((alone >= 0) & (filled < FULL), MIXED, alone)
         return alone[self.grid.near]
 

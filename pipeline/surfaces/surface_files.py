@@ -79,6 +79,16 @@ def read_surface(path: Path):
     return _read(path, "surface")
 
 
+def read_surfaces(folder: Path, frame: str, liquids: Sequence[str]) -> dict:
+    """Surfaces of liquids in the frame named ``frame`` as a dict liquid -> pyvista.PolyData.
+
+    Raises
+    ------
+    UserError : a file is missing.
+    """
+    return {liquid: read_surface(surface_path(folder, frame, liquid)) for liquid in liquids}
+
+
 def lines_of(surface) -> list[np.ndarray]:
     """Lines (k, 3) in m of a pyvista.PolyData."""
     lines, cells, start = [], np.asarray(surface.lines), 0

@@ -143,6 +143,23 @@ def test_a_large_movie_is_made_smaller(tmp_path):
     assert 0 < len(movie_within(output, whole // 2)) <= whole // 2
 
 
+def turned_by_a_finger(browser):
+    """Whether fingers turn the eye, and leave the page where it is; elsewhere they scroll it, upward only."""
+    picture, place = "document.querySelector('canvas').toDataURL()", "[scrollX, scrollY, visualViewport.pageLeft]"
+    browser.middle("canvas")
+    before, views = browser.run(place), [browser.run(picture)]
+    for right, down in ((120, 0), (0, -90), (-60, 60)):
+        browser.touch("canvas", right, down)
+        views.append(browser.run(picture))
+        assert browser.run(place) == before, "the page moves while the eye is turned"
+    browser.touch("h1", -150, 0)
+    assert browser.run("scrollX") == 0, "the page scrolls sideways"
+    start = browser.run("scrollY")
+    browser.touch("h1", 0, -150)
+    assert browser.run("scrollY") > start, "fingers do not scroll the page: the rest says nothing"
+    return len(set(views)) == len(views)
+
+
 def test_page_works_in_a_browser(index, tmp_path):
     path = headless_browser.find_browser()
     if path is None:
@@ -168,6 +185,8 @@ def test_page_works_in_a_browser(index, tmp_path):
             browser.drag("canvas", right, down)
             views.append(browser.run("document.querySelector('canvas').toDataURL()"))
         assert len(set(views)) == 3 and len(views[0]) > 5000
+        browser.open(index, WIDTHS[-1], phone=True)
+        assert turned_by_a_finger(browser)
         assert browser.requests() == [] and browser.errors() == []
     finally:
         browser.close()
