@@ -131,7 +131,7 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequenc
         page.paragraph(page.bold(NO_ADVICE)),
         page.paragraph(f"Break: {question.place.words(eye.side)}."),
         page.paragraph(page.bold(first), *others),
-        page.table(heads(), rows(found), words=(1, 3), marked=marked),
+        page.table(heads(), rows(found), words=(1,), marked=marked),
         page.paragraph(_below(question, found)),
         page.section("What the oil touches") if maps else "",
         page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, the break "

@@ -194,9 +194,11 @@ def _breaks(sequence: Sequence) -> list[str]:
 
 def _break_words(hold: Hold, name: str) -> str:
     margin, low, high = (1e3 * one for one in hold.margins[name])
+    both = low <= 0.0 < high
+    span = f"bare by {-low:.1f} to covered by {high:.1f}" if both else f"{abs(low):.1f} to {abs(high):.1f}"
     if margin > 0.0:
-        return f"covered by {margin:.1f} mm ({low:.1f} to {high:.1f}), {hold.pressures[name]:.0f} Pa"
-    return f"bare by {-margin:.1f} mm ({-low:.1f} to {-high:.1f})"
+        return f"covered by {margin:.1f} mm ({span}), {hold.pressures[name]:.0f} Pa"
+    return f"bare by {-margin:.1f} mm ({span})"
 
 
 def sentences(sequence: Sequence) -> list[str]:
@@ -207,9 +209,11 @@ def sentences(sequence: Sequence) -> list[str]:
              f"the average of {duration(held)} in {len(sequence.holds)} postures."]
     for name in _breaks(sequence):
         (share, bare), (least, longest), (most, shortest) = (sequence.covered(name, which) for which in range(3))
-        found.append(f"Break {name.replace('_', ' ')}: covered {100 * share:.0f} % of that time ({100 * least:.0f} to "
-                     f"{100 * most:.0f} %), longest time bare {duration(bare)} ({duration(shortest)} to "
-                     f"{duration(longest)}).")
+        same = least == most and shortest == longest
+        shares_held, bare_times = ("", "") if same else (
+            f" ({100 * least:.0f} to {100 * most:.0f} %)", f" ({duration(shortest)} to {duration(longest)})")
+        found.append(f"Break {name.replace('_', ' ')}: covered {100 * share:.0f} % of that time{shares_held}, longest "
+                     f"time bare {duration(bare)}{bare_times}{', with any of the contact angles' if same else ''}.")
     return found
 
 

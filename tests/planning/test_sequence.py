@@ -71,6 +71,26 @@ def test_every_posture_that_is_held_has_a_shape(folder, coarse):
     assert "Break above: covered 76 % of that time" in text and text.endswith("No advice.\n")
 
 
+def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
+    found = sequence.sequence_of(scene_file(folder, DAY))
+
+    def told(*margins):
+        pressures = dict.fromkeys(("above", "below"), 4.0)
+        holds = [dataclasses.replace(hold, margins=dict.fromkeys(hold.margins, margins), pressures=pressures)
+                 for hold in found.holds]
+        changed = dataclasses.replace(found, holds=holds)
+        return sequence.rows(changed)[0][-1], sequence.sentences(changed)[1]
+
+    cell, sentence = told(2e-3, 1e-3, 3e-3)
+    assert cell == "covered by 2.0 mm (1.0 to 3.0), 4 Pa"
+    assert sentence == ("Break above: covered 100 % of that time, longest time bare 0 s, with any of the contact "
+                        "angles.")
+    cell, sentence = told(-0.3e-3, -2e-3, 0.5e-3)
+    assert cell == "bare by 0.3 mm (bare by 2.0 to covered by 0.5)"
+    assert sentence == "Break above: covered 0 % of that time (0 to 100 %), longest time bare 4 h (0 s to 4 h)."
+    assert told(-1e-3, -2e-3, -0.5e-3)[0] == "bare by 1.0 mm (2.0 to 0.5)"
+
+
 def test_times_bare_go_on_through_a_turn(folder, coarse):
     found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 60 deg")))
     assert found.covered("below") == (0.0, pytest.approx(14400.0))
