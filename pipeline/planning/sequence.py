@@ -20,6 +20,7 @@ from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.equilibrium.wetting import LARGEST_ANGLE, SMALLEST_ANGLE
 from pipeline.planning.chart import Charts
+from pipeline.planning.report import CHECKED
 from pipeline.planning.settings import load_settings
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect
@@ -238,7 +239,8 @@ def text_of(sequence: Sequence, no_advice: str) -> str:
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
     return "\n".join([*sentences(sequence), "", *table, "", "Assumed:",
-                      *(f"- {line}" for line in assumptions(sequence)), "", no_advice, ""])
+                      *(f"- {line}" for line in assumptions(sequence)), "", "Checked:",
+                      *(f"- {line}" for line in CHECKED), "", no_advice, ""])
 
 
 def html_of(sequence: Sequence, no_advice: str) -> str:
@@ -257,4 +259,5 @@ def html_of(sequence: Sequence, no_advice: str) -> str:
         *(part for hold in drawn for part in (page.paragraph(page.bold(hold.words)),
                                               page.picture(charts.png(hold.rest), hold.words))),
         page.section("Assumed"), page.bullets(assumptions(sequence)),
+        page.section("What was validated, and what was not"), page.bullets(CHECKED),
     ], heading=title)

@@ -133,11 +133,16 @@ def asked(folder):
     return question, answer, path, run
 
 
-def simulated(path, run, margin):
+def simulated(path, run, margin, rate=0.0):
     scene = load_scene(path, "draft")
     (run / "scene.json").write_text(scene.to_json())
     (run / "metrics.json").write_text(json.dumps({"metrics": [], "breaks": [
         {"name": scene.breaks[0].name, "margin_at_end [mm]": margin, "uncertainty [mm]": 0.5}]}))
+    times = np.linspace(0.0, 1.0, 11)
+    parts = [f"retina_coverage_{part} [%]" for part in ("whole", "superior", "inferior")]
+    lines = [",".join(["frame", "time [s]", *parts]),
+             *(f"{frame},{time},60,90,{30 + rate * time}" for frame, time in enumerate(times))]
+    (run / "metrics.csv").write_text("\n".join(lines) + "\n")
 
 
 def test_before_the_simulation_its_command_is_told(asked):
@@ -159,6 +164,26 @@ def test_after_the_simulation_it_is_told_whether_it_agrees(asked, margin, covers
     answer = answer if covers else dataclasses.replace(answer, fill=0.99)
     (sentence,) = confirm.confirmation(path, question, answer, run.parents[1])
     assert words in sentence
+
+
+def test_a_simulation_that_is_not_at_rest_is_named(asked):
+    question, answer, path, run = asked
+    simulated(path, run, 1.2, rate=-2.0)
+    _, sentence = confirm.confirmation(path, question, answer, run.parents[1])
+    assert sentence.startswith("It is not at rest: in the last 0.5 s the covered share of the retina (inferior) "
+                               "changes by -2 points per second")
+
+
+@pytest.mark.parametrize("name", ["silicone_oil_1000", "heavy_oil_densiron_68"])
+def test_confirming_scenes_have_thin_liquids_with_the_densities_of_the_plan(asked, name):
+    question, answer, path, _ = asked
+    materials = load_settings()[1]
+    question = dataclasses.replace(question, oils={name: materials[name]})
+    path.write_text(confirm.confirming_scene(question, dataclasses.replace(answer, oils=(name,)), Eye(), "resting_eye"))
+    found = {liquid.name: liquid for liquid in load_scene(path, "draft").liquids}
+    assert found.keys() == {"aqueous", name}
+    for liquid in found.values():
+        assert (liquid.density, liquid.dynamic_viscosity) == (materials[liquid.name].density, pytest.approx(0.1))
 
 
 def test_the_simulation_of_another_plan_confirms_nothing(asked):
