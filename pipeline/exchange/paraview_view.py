@@ -17,7 +17,7 @@ from paraview.simple import *
 
 SCENE = @scene@
 FOLDER = os.path.dirname(os.path.abspath(__file__)) if "__file__" in globals() else @folder@
-INTERFACE, EDGE, INK = [0.56, 0.82, 0.92], [0.10, 0.13, 0.17], [0.1, 0.1, 0.1]
+INTERFACE, EDGE, INK, BREAK = [0.56, 0.82, 0.92], [0.10, 0.13, 0.17], [0.1, 0.1, 0.1], [0.84, 0.15, 0.16]
 VIEW = [1.0, 0.32, 0.55]
 HALVES = {"right": 1.0, "left": -1.0}  # the half that is shown, and the side along x that the camera is on
 
@@ -50,7 +50,7 @@ def smooth(source):
 def new_view(direction, scale, title):
     """A white view with parallel projection toward the center, from a direction."""
     view = CreateView("RenderView")
-    AssignViewToLayout(view=view, layout=layout, hint=places.pop(0))
+    AssignViewToLayout(view=view, layout=layout, hint=cells.pop(0))
     view.UseColorPaletteForBackground, view.Background = 0, [1.0, 1.0, 1.0]
     view.OrientationAxesVisibility = 0
     write(view, title, "Upper Left Corner")
@@ -90,6 +90,14 @@ def by_fraction(source, view, array):
     return display, colors
 
 
+def breaks():
+    """The edges of the breaks of the retina; regions are numbered after them."""
+    quads = Threshold(registrationName="breaks", Input=part("places"), Scalars=["CELLS", "place"],
+                      LowerThreshold=0.0, UpperThreshold=SCENE["breaks"] - 0.5)
+    return FeatureEdges(registrationName="edges of the breaks", Input=ExtractSurface(Input=quads), BoundaryEdges=1,
+                        FeatureEdges=0, NonManifoldEdges=0, ManifoldEdges=0, Coloring=0)
+
+
 def section_view():
     """The section through the optic axis: the share of the liquids that are shown."""
     view = new_view([1.0, 0.0, 0.0], 0.72, "section, seen from the patient's left")
@@ -117,6 +125,7 @@ def eye_views():
                    Isosurfaces=[0.0])
     touched = {array: beyond(wall, "contact_distance", 0.0, above, name) for array, above, name in (
         ("oil_fraction_covered", True, "touched wall"), ("oil_fraction_bare", False, "bare wall"))}
+    red = breaks() if SCENE["breaks"] else None
     for half, side in HALVES.items():
         view = new_view([side * VIEW[0], *VIEW[1:]], 0.60, half + " half of the eye, from inside")
         for array, source in touched.items():
@@ -124,6 +133,9 @@ def eye_views():
         in_one_color(half_of(interface, side, "interface, " + half), view, INTERFACE)
         line = in_one_color(half_of(edge, side, "contact line, " + half), view, EDGE)
         line.LineWidth, line.RenderLinesAsTubes = 3.0, 1
+        if red is not None:
+            line = in_one_color(half_of(red, side, "breaks, " + half), view, BREAK)
+            line.LineWidth, line.RenderLinesAsTubes = 4.0, 1
 
 
 def bodies_view():
@@ -152,11 +164,11 @@ layout, cameras = CreateLayout(SCENE["title"]), []
 if SCENE["painted"]:
     left = layout.SplitHorizontal(0, 0.56)
     below = layout.SplitVertical(left + 1, 0.5)
-    places = [left, below, below + 1]
+    cells = [left, below, below + 1]
     section_view()
     eye_views()
 else:
-    places = [0]
+    cells = [0]
     bodies_view()
 write(cameras[0][0], SCENE["title"], "Lower Left Corner")
 clock = Show(AnnotateTimeFilter(registrationName="clock", Input=run, Format="t = {time:.2f} s"), cameras[0][0])
@@ -181,7 +193,7 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
     shown, background = shown_liquids(scene), background_of(scene)
     facts = {
         "title": f"{scene.title or scene.name} ({scene.accuracy})",
-        "dimension": scene.dimension, "painted": int(painted),
+        "dimension": scene.dimension, "painted": int(painted), "breaks": len(scene.breaks),
         "share": f"1 - fraction_{background}" if background else f"fraction_{scene.liquids[0].name}",
         "words": "oil volume fraction" if any("oil" in name for name in shown) else "volume fraction",
         "colors": {liquid.name: [round(int(liquid.color[k:k + 2], 16) / 255, 3) for k in (1, 3, 5)]

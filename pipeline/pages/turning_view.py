@@ -1,5 +1,7 @@
 """The surfaces of the last frame as the viewer of the page wants them: few triangles, whole numbers, base64."""
 import base64
+import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -7,10 +9,12 @@ from PIL import ImageColor
 from scipy.spatial import cKDTree
 
 from pipeline.pages.run_folder import Run
-from pipeline.pictures.eye_view import INTERFACE_COLOR, TOUCH_DEPTH
+from pipeline.pictures.eye_view import INTERFACE_COLOR, TOUCH_DEPTH, break_lines
+from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.pictures.marks import pretty
 from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
 from pipeline.scenes.effects import droplets_of
+from pipeline.scenes.retina import Patch, globe_radius
 
 MOST_TRIANGLES = 40_000         # of one surface
 MOST_VERTICES = 2**16 - 1       # that WebGL can count
@@ -18,6 +22,7 @@ MARGIN = 1.05                   # of the whole numbers around the surfaces
 EDGE = 50.0                     # deg, between triangles from which an edge is sharp
 LINE = 1e-3                     # m from the contact line, at which its distance is cut off
 BOX_COLOR = "#e9edf1"
+BREAK_WIDTH, BREAK_LIFT = 0.4e-3, 0.993     # m, of the band around a break; so much nearer to the center it is drawn
 # Whence to look: words, azimuth from the front toward the patient's left, and elevation, rad.
 EYE_VIEWS = (("from the left", (1.5708, 0.0)), ("from the front", (0.0, 0.0)), ("from behind", (3.1416, 0.0)),
              ("from above", (0.0, 1.5)))
@@ -27,7 +32,7 @@ BOX_VIEW, BOX_AXES = (0.5, 0.3), {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)
 
 
 def turning_view(run: Run) -> dict[str, Any]:
-    """Return what the viewer shows of the last frame: surfaces of liquids and the wall, in units of half its size."""
+    """Return what the viewer shows of the last frame: liquids, the wall and its breaks, in units of half its size."""
     of_eye = run.scene.container is None
     wall = run.last_wall() if of_eye else run.cavity()
     center, half = np.array(wall.center), 0.5 * MARGIN * max(np.ptp(np.array(wall.bounds).reshape(3, 2), axis=1))
@@ -52,6 +57,12 @@ def turning_view(run: Run) -> dict[str, Any]:
         oil = pretty(shown_liquids(run.scene)[0].name)
         meshes.append({"wall": True, "legend": [(_css(COVERED), f"wall under {oil}"), (_css(BARE), "wall without")],
                        **packed(wall, covered, bare, np.asarray(wall.point_data["contact_distance"]))})
+        patches = run.scene.patches(globe_radius(np.asarray(wall.points)))["breaks"]
+        if patches:
+            color = np.array(BREAK_COLOR)
+            legend = "break of the retina" if len(patches) == 1 else "breaks of the retina"
+            meshes.append({"wall": True, "legend": [(_css(color), legend)],
+                           **packed(break_bands(wall, patches.values()), color, color)})
     else:
         color = np.array(ImageColor.getrgb(BOX_COLOR))
         meshes.append({"wall": True, "legend": [(_css(color), "wall")], **packed(wall, color, color)})
@@ -60,6 +71,30 @@ def turning_view(run: Run) -> dict[str, Any]:
              for name, direction in axes.items()}
     return {"meshes": meshes, "views": views, "view": view,
             "axes": [(name, [reach[name] * part for part in direction]) for name, direction in axes.items()]}
+
+
+def break_bands(wall, breaks: Iterable[Patch]):
+    """Bands along the edges of breaks just inside a wall, pyvista.PolyData that faces outward as the wall does."""
+    import pyvista
+
+    wider = np.degrees(BREAK_WIDTH / globe_radius(np.asarray(wall.points)))
+    corners, faces, count = [], [], 0
+    for one in breaks:
+        around = wider / max(np.sin(np.radians(one.latitude)), 1e-3)
+        rims = [dataclasses.replace(
+            one, height=max(one.height + sign * wider, 0.0),
+            width=one.width if one.width >= 360.0 else min(max(one.width + sign * around, 0.0), 359.9))
+            for sign in (-1.0, 1.0)]
+        inner, outer = (BREAK_LIFT * np.asarray(line.points[:-1]) for line in break_lines(wall, rims))
+        here, size = np.arange(len(inner)), len(inner)
+        after = np.roll(here, -1)
+        quads = np.stack([here, after, size + after, size + here], axis=1)
+        first, second, third, fourth = np.concatenate([inner, outer])[quads.T]
+        outward = (np.cross(third - first, fourth - second) * first).sum()
+        corners += [inner, outer]
+        faces.append(count + (quads if outward > 0.0 else quads[:, ::-1]))
+        count += 2 * size
+    return pyvista.PolyData.from_regular_faces(np.concatenate(corners).astype(np.float32), np.concatenate(faces))
 
 
 def shown_liquids(scene) -> list:

@@ -8,6 +8,8 @@ import numpy as np
 import yaml
 
 from pipeline.base.errors import UserError
+from pipeline.base.tables import read_table
+from pipeline.measures.rest import rest_in_words
 from pipeline.planning.search import Answer, Question
 from pipeline.planning.settings import weight_name
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
@@ -17,6 +19,7 @@ from pipeline.scenes.retina import HOUR
 from pipeline.scenes.yaml_files import read_extended
 
 BREAK = "planned"   # name of the break in the scene
+THIN = "100 mPa s"  # viscosity of both liquids: with their own they would need minutes to the same shape at rest
 OUTPUTS = Path("outputs")
 
 
@@ -39,15 +42,18 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
         cavity |= {"axial_length": f"{1e3 * eye.axial_length:g} mm", "lens": eye.lens}
     fills: dict[str, float | None] = dict.fromkeys(base["initial"]["fill"])  # null removes what is inherited
     fills |= {oil: round(fill, 4), question.other.name: round(1.0 - round(fill, 4), 4)}
+    liquids: dict[str, Any] = dict.fromkeys(base["liquids"])
+    liquids |= {name: {"dynamic_viscosity": THIN} for name in (question.other.name, oil)}
     scene = {
         "extends": starts_from,
         "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
-        "description": "Confirms a plan: does the oil at rest touch the break?",
+        "description": f"Confirms a plan: does the oil at rest touch the break? Both liquids have {THIN}: that changes "
+                       "how soon they rest, not where.",
         "breaks": [{"name": BREAK, "hour": round(question.place.meridian / HOUR, 6) or 12.0,
                     "latitude": f"{question.place.latitude:.6g} deg",
                     "width": round(min(question.place.width / HOUR, 12.0), 6),
                     "height": f"{question.place.height:.6g} deg"}],
-        "liquids": [question.other.name, oil],
+        "liquids": liquids,
         "eye": cavity,
         "initial": {"fill": fills},
         "effects": {weight_name(): {"posture": answer.posture},
@@ -76,30 +82,30 @@ def confirmation(path: Path, question: Question, answer: Answer, outputs: Path =
     if not runs:
         return [f"{path}: one simulation of this, to compare, is run by: {command}",
                 "Then the same command as this one tells whether it agrees."]
-    scene, record = min(runs, key=lambda run: run[0]["numerics"]["particle_spacing"])
+    scene, record, rest = min(runs, key=lambda run: run[0]["numerics"]["particle_spacing"])
     level = scene["accuracy"]
     if json.loads(load_scene(path, level).to_json()) != scene:
         folder = outputs / path.stem / level
         return [f"{path}: the simulation in {folder} is that of another plan; run it again: {command}"]
-    return [_verdict(record, question, answer, level)]
+    return [_verdict(record, question, answer, level), *([f"It is {rest}."] if rest.startswith("not ") else [])]
 
 
-def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Scene and course of the break of a run; None where there is none yet.
+def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any], str] | None:
+    """Scene and course of the break of a run, and whether it is at rest; None where there is no run yet.
 
     Raises
     ------
     UserError : a file is damaged.
     """
-    files = [folder / name for name in ("scene.json", "metrics.json")]
+    files = [folder / name for name in ("scene.json", "metrics.json", "metrics.csv")]
     if not all(file.is_file() for file in files):
         return None
     try:
-        scene, metrics = (json.loads(file.read_text(encoding="utf-8")) for file in files)
+        scene, metrics = (json.loads(file.read_text(encoding="utf-8")) for file in files[:2])
         record = next((one for one in metrics["breaks"] if one["name"] == BREAK), None)
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{folder}: its results are damaged ({error}); remove the folder and run it again") from error
-    return None if record is None else (scene, record)
+    return None if record is None else (scene, record, rest_in_words(read_table(files[2])))
 
 
 def _verdict(record: dict[str, Any], question: Question, answer: Answer, level: str) -> str:

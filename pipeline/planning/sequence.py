@@ -20,6 +20,7 @@ from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.equilibrium.wetting import LARGEST_ANGLE, SMALLEST_ANGLE
 from pipeline.planning.chart import Charts
+from pipeline.planning.report import CHECKED
 from pipeline.planning.settings import load_settings
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect
@@ -194,9 +195,11 @@ def _breaks(sequence: Sequence) -> list[str]:
 
 def _break_words(hold: Hold, name: str) -> str:
     margin, low, high = (1e3 * one for one in hold.margins[name])
+    both = low <= 0.0 < high
+    span = f"bare by {-low:.1f} to covered by {high:.1f}" if both else f"{abs(low):.1f} to {abs(high):.1f}"
     if margin > 0.0:
-        return f"covered by {margin:.1f} mm ({low:.1f} to {high:.1f}), {hold.pressures[name]:.0f} Pa"
-    return f"bare by {-margin:.1f} mm ({-low:.1f} to {-high:.1f})"
+        return f"covered by {margin:.1f} mm ({span}), {hold.pressures[name]:.0f} Pa"
+    return f"bare by {-margin:.1f} mm ({span})"
 
 
 def sentences(sequence: Sequence) -> list[str]:
@@ -207,9 +210,11 @@ def sentences(sequence: Sequence) -> list[str]:
              f"the average of {duration(held)} in {len(sequence.holds)} postures."]
     for name in _breaks(sequence):
         (share, bare), (least, longest), (most, shortest) = (sequence.covered(name, which) for which in range(3))
-        found.append(f"Break {name.replace('_', ' ')}: covered {100 * share:.0f} % of that time ({100 * least:.0f} to "
-                     f"{100 * most:.0f} %), longest time bare {duration(bare)} ({duration(shortest)} to "
-                     f"{duration(longest)}).")
+        same = least == most and shortest == longest
+        shares_held, bare_times = ("", "") if same else (
+            f" ({100 * least:.0f} to {100 * most:.0f} %)", f" ({duration(shortest)} to {duration(longest)})")
+        found.append(f"Break {name.replace('_', ' ')}: covered {100 * share:.0f} % of that time{shares_held}, longest "
+                     f"time bare {duration(bare)}{bare_times}{', with any of the contact angles' if same else ''}.")
     return found
 
 
@@ -234,7 +239,8 @@ def text_of(sequence: Sequence, no_advice: str) -> str:
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
     return "\n".join([*sentences(sequence), "", *table, "", "Assumed:",
-                      *(f"- {line}" for line in assumptions(sequence)), "", no_advice, ""])
+                      *(f"- {line}" for line in assumptions(sequence)), "", "Checked:",
+                      *(f"- {line}" for line in CHECKED), "", no_advice, ""])
 
 
 def html_of(sequence: Sequence, no_advice: str) -> str:
@@ -253,4 +259,5 @@ def html_of(sequence: Sequence, no_advice: str) -> str:
         *(part for hold in drawn for part in (page.paragraph(page.bold(hold.words)),
                                               page.picture(charts.png(hold.rest), hold.words))),
         page.section("Assumed"), page.bullets(assumptions(sequence)),
+        page.section("What was validated, and what was not"), page.bullets(CHECKED),
     ], heading=title)

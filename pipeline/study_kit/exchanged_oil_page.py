@@ -118,6 +118,7 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
         "against patients, or against an experiment in an eye. What stays behind depends on where the tip is: surgeons "
         "move it and turn the eye. Films and droplets smaller than a particle, oil that sticks to a lens or to "
         "membranes, and oil before the lens are not seen.",
+        words=("capillary number", "tension", "contact angle", "particles"),
         more=[page.section("What stays behind"),
               page.table(("", "tip", "capillary number", "left / % of the cavity", "largest piece / %", "pieces"),
                          behind, words=[1]),

@@ -150,6 +150,7 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
                              "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
                              "hatched where the contact angles do not agree."),
               page.section("Beside what was published"), page.bullets(anchors(shares, outcomes))],
+        words=("touched", "contact angle", "tension", "at rest", "points", "grid"),
         marked=[number for number, row in enumerate(rows) if row[0].endswith("upright")])
 
 
@@ -245,7 +246,7 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
                      + (f" ({'; '.join(examples)})." if examples else "."))
     changes = [row.value for outcome in outcomes for row in outcome.rows if row.quantity.startswith("largest change")]
     return [*items,
-            page.joined(f"In the eye, four times as many directions change a covered share by at most "
+            page.joined(f"In the eye, a grid with four times as many directions changes a covered share by at most "
                            f"{max(changes):.1f} points; the range holds that, for each posture and part. At 85 % of "
                            f"light oil the method was at most 0.4 points off another program:",
                            link_to("methods/equilibrium.md"))]

@@ -170,6 +170,7 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
         "the stress and let the oil slide: it is thinner than a particle and not resolved, so that real oil comes to "
         "rest sooner, and the times after sitting up are upper limits. Stress below the aqueous itself is too low. "
         "What finer particles change was tried with one oil only, not with the thick ones.",
+        words=("stress", "interface", "contact line", "particles", "at rest"),
         more=[page.section("Beside what was published"), page.bullets(anchors(movements))])
 
 

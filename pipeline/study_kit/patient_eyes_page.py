@@ -107,6 +107,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         validated=validated(outcomes),
         not_validated="against patients, or against an experiment in a real eye. A buckle, a staphyloma and a filled "
                       "anterior chamber were compared with nothing but the simulations named there.",
+        words=("touched", "contact angle", "tension", "at rest", "points", "grid"),
     ).parts()
 
 
@@ -167,8 +168,8 @@ def validated(outcomes: Sequence[Outcome]) -> list[str]:
     """Return how far the shapes were checked."""
     changes = [row.value for outcome in outcomes for row in outcome.rows if row.quantity.startswith("largest change")]
     return [
-        f"Four times as many directions change a covered share by at most {max(changes):.1f} points; the range holds "
-        "that, for each eye, posture and part.",
+        f"A grid with four times as many directions changes a covered share by at most {max(changes):.1f} points; the "
+        "range holds that, for each eye, posture and part.",
         page.joined("The method was compared with exact shapes in spheres, with Surface Evolver in the average eye, "
                     "and with simulations:", link_to("methods/equilibrium.md"))]
 

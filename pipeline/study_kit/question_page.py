@@ -1,9 +1,9 @@
 """A page that answers one question of a surgeon, to be read in two minutes.
 
 Every page says the same things in the same order: that it is no advice, the answer in one sentence, one picture, one
-table, and then what the answer rests on. A module `pipeline.study_kit.<report>_page` writes the page of the studies
-with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a folder and
-returns the parts of the page.
+table, what the answer rests on, and what its words mean. A module `pipeline.study_kit.<report>_page` writes the page of
+the studies with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a
+folder and returns the parts of the page.
 """
 import csv
 import dataclasses
@@ -19,6 +19,28 @@ from pipeline.study_kit.model import Outcome
 
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
+# What words mean, for readers who compute nothing.
+WORDS = {
+    "touched": "the oil (or gas) reaches the retina. A film of aqueous micrometers thin, which real oil may leave, "
+               "is in no computation here.",
+    "interface": "where oil and aqueous meet inside the eye.",
+    "contact line": "where the interface meets the wall: the edge of what the oil touches.",
+    "contact angle": "between interface and wall, through the aqueous. It is small, since the wall likes aqueous more "
+                     "than oil: aqueous creeps under the edge of the oil.",
+    "tension": "pulls the oil into a ball, while its weight in aqueous flattens it. In an eye both are about as "
+               "strong, so that the face of the oil is round, not level as that of gas.",
+    "at rest": "when weight, tension and wetting are in balance (the shape of least energy). Oil comes to rest within "
+               "seconds to a minute after a movement.",
+    "points": "differences of percentages: 64 in place of 67 % are 3 points.",
+    "grid": "shapes at rest are computed as distances in many directions from one point, as a picture is of pixels.",
+    "particles": "simulations follow the liquids as thousands of small parcels (smoothed particle hydrodynamics), "
+                 "which push and drag their neighbors. Nothing smaller than such a parcel is seen.",
+    "stress": "drag along the retina, force over area, in pascals: 133 Pa are 1 mmHg, but along the wall, not onto it.",
+    "capillary number": "viscosity times speed over tension. Far below 1, tension decides how the oil breaks up, and "
+                        "the viscosity does not matter.",
+    "ppm": "parts in a million of the volume: in a cavity of 5 mL 1 ppm is 5 nL, nearly three million droplets of 1.5 "
+           "micrometers.",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +55,7 @@ class QuestionPage:
     title, heads, rows, marked, note : the table, and sentences below it.
     more : parts between the table and what the answer rests on.
     assumed, validated, not_validated : sentences; those of ``validated`` carry numbers and links.
+    words : of ``WORDS``, that the page explains.
     """
 
     headline: str
@@ -47,6 +70,7 @@ class QuestionPage:
     assumed: Sequence[str]
     validated: Sequence[str]
     not_validated: str
+    words: Sequence[str]
     more: Sequence[str] = ()
     marked: Sequence[int] = ()
 
@@ -66,6 +90,8 @@ class QuestionPage:
             page.bullets(self.assumed),
             page.section("What was validated, and what was not"),
             page.bullets([*self.validated, page.joined(page.bold("Not validated:"), self.not_validated)]),
+            page.section("Words"),
+            page.bullets([page.joined(page.bold(f"{word}:"), WORDS[word]) for word in self.words]),
         ]
 
 

@@ -13,6 +13,7 @@ from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.moved_oil_page import oil_words
 from pipeline.study_kit.question_page import QuestionPage, drawn, link_to, table_rows, write_csv, write_picture
 from pipeline.study_kit.surgeons_words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
+from sim.effects.gravity import POSTURES
 
 PICTURES, TABLES = ("droplets",), ("shed", "gathered", "tracers", "sections")
 WASHED_OUT = (3.5, 0.3, 38.0)  # ppm of the volume: mean, least and most of wash-outs [yu2020, abstract]
@@ -103,8 +104,9 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
         headline(shed, gathered), description, picture,
         "How many times as many droplets with every change, and where they gather in four postures",
         ["Left: how many times as many droplets as by default, with every change; bars, what the contact angle (10 "
-         "to 25 degrees) leaves open. Right: sections through the middle of the eye, front at the right, superior "
-         "above; oil is yellow, dots are droplets that have risen, of the whole eye."],
+         "to 25 degrees) leaves open. Right: sections through the middle of the eye from the patient's left, front on "
+         "the left, superior above; the arrow is down. Oil is yellow, dots are droplets of the whole eye that have "
+         "risen."],
         "What is changed", ("", "contact line / mm", "times as many droplets",
                             f"weeks to {WASHED_OUT[0]:g} ppm (an assumption)"), rows,
         [page.bold("The weeks rest on an assumed constant"),
@@ -116,6 +118,7 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
         "the law itself: none was published; it has the factors that are known. Against patients, and against an "
         "experiment in an eye. Droplets that merge, that saccades stir, or that leave into the anterior chamber, where "
         "surgeons see them first, are not seen.",
+        words=("contact line", "tension", "ppm", "at rest", "particles"),
         marked=[number for number, row in enumerate(rows) if row[2] == "1.00"],
         more=[page.section("Where droplets gather"),
               page.table(("patient", "before the equator / %", "behind it / %", "superior / %", "inferior / %",
@@ -140,7 +143,7 @@ def validated(shed: Rows, outcomes: Sequence[Outcome]) -> list[str]:
     base = by(shed, BASE)[0]
     items: list[str] = [
         page.joined("The contact line is that of the shape with least energy. In a sphere its arc is at most 3 degrees "
-                    "off the exact one with the directions taken here (1 degree with more):",
+                    "off the exact one with the grid taken here (1 degree with a finer one):",
                     link_to("methods/equilibrium.md")),
         page.joined(f"The same law on moving particles (scene emulsification_contact_line) gave {BY_PARTICLES:g} "
                     f"ppm after {MONTHS} weeks; here it gives {MONTHS * float(base[RATE]):.1f} ppm, since particles "
@@ -184,9 +187,23 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
             axes.plot(dots[:, 0], dots[:, 1], ".", color="#b3261e", ms=3, alpha=0.5)
             axes.set_title(posture.replace("_", " "), loc="left", fontsize=11)
             axes.set_aspect("equal")
+            axes.set_xlim(*reversed(axes.get_xlim()))  # the front on the left, as in the pictures of a run
             axes.axis("off")
+            _mark_down(axes, POSTURES[posture])
 
     return drawn((12.0, 7.0), draw, 2, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})
+
+
+def _mark_down(axes, down: Sequence[float]) -> None:
+    """Draw whither gravity points in a section, beside it: down (x to the patient's left, y superior, z anterior)."""
+    style = {"xycoords": "axes fraction", "ha": "center", "va": "center", "fontsize": 9}
+    middle = (1.0, 0.85)
+    if abs(down[0]) > 0.5:
+        axes.annotate(f"down is {'toward' if down[0] > 0.0 else 'away from'}\nthe viewer", middle, **style)
+        return
+    tip = (middle[0] - 0.12 * down[2], middle[1] + 0.12 * down[1])
+    axes.annotate("", tip, (2.0 * middle[0] - tip[0], 2.0 * middle[1] - tip[1]), xycoords="axes fraction",
+                  textcoords="axes fraction", annotation_clip=False, arrowprops={"arrowstyle": "-|>", "lw": 1.5})
 
 
 def _points(rows: Rows, posture: str, x: str, y: str, what: str = "") -> np.ndarray:

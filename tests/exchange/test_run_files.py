@@ -17,11 +17,13 @@ from pipeline.base.vtk_files import text_of
 from pipeline.cavity.surface import write_mesh
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Break, Region
 from pipeline.surfaces.liquid_surface import Reconstructor
 from pipeline.surfaces.surface_files import read_surface
 
 pytestmark = pytest.mark.usefixtures("taichi")
 OIL, HEIGHT = "silicone_oil_1000", 2e-3
+TEAR = Break("tear", hour=4.0, latitude=np.radians(70.0), width=2.0)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +31,8 @@ def run_folder(tmp_path_factory, taichi, request):
     """Return the folder of a run with two segments: water alone, then oil above a plane."""
     folder = tmp_path_factory.mktemp("run")
     scene = load_scene(request.config.rootpath / "config" / "scenes" / "tiny.yaml", accuracy="draft")
-    scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING))
+    scene = dataclasses.replace(scene, breaks=(TEAR,), regions=(Region("behind", latitudes=(0.0, 0.5)),),
+                                numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING))
     (folder / "scene.json").write_text(scene.to_json())
     sphere = pyvista.Icosphere(radius=RADIUS, nsub=4)
     write_mesh(trimesh.Trimesh(sphere.points, sphere.regular_faces, process=False), folder / "eye.vtp", scene.eye)
@@ -67,7 +70,8 @@ def test_run_plays_with_named_parts_at_every_time(indexed):
     assert pyvista.PVDReader(indexed / "run.pvd").time_values == [0.0, 0.1]
     for time in (0.0, 0.1):
         parts = parts_at(indexed, time)
-        assert set(parts.keys()) == {"particles", "aqueous", OIL, "interface", "wall", "section"}
+        assert set(parts.keys()) == {"particles", "aqueous", OIL, "interface", "wall", "section",
+                                    "places"}
         for name in ("particles", "aqueous", OIL, "section", "interface"):
             assert parts[name].field_data["time"][0] == time, name
     assert parts_at(indexed, 0.0)[OIL].n_cells == 0 == parts_at(indexed, 0.0)["interface"].n_cells
@@ -125,8 +129,10 @@ def test_script_for_paraview_is_beside_the_run(indexed, tmp_path):
     done = subprocess.run([pvpython, script, picture], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0 and "Traceback" not in done.stderr and "ERR|" not in done.stderr, done.stderr
     pixels = pyvista.read(picture).point_data.active_scalars[:, :3].astype(int)
-    yellow, blue = (np.abs(pixels - color).max(axis=1) < 60 for color in ([253, 234, 69], [0, 34, 77]))
+    yellow, blue, red = (np.abs(pixels - color).max(axis=1) < 60 for color in
+                         ([253, 234, 69], [0, 34, 77], [214, 39, 40]))
     assert min(yellow.mean(), blue.mean()) > 0.05
+    assert 2e-4 < red.mean() < 0.01, "edges of the break in one half of the eye"
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e9)])

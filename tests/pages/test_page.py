@@ -1,5 +1,7 @@
 """The page of a run holds what it shows, asks no network for anything, and works in a browser."""
+import base64
 import dataclasses
+import io
 import json
 import re
 
@@ -18,14 +20,20 @@ from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
 from pipeline.pages.headlines import headlines
 from pipeline.pages.movie_copy import movie_within
+from pipeline.pages.run_folder import read_run
+from pipeline.pages.turning_view import break_bands, turning_view
+from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Break
+from pipeline.scenes.retina import Patch
 from pipeline.surfaces.liquid_surface import Reconstructor
 
 FRAMES = 5
 TITLE = 'Oil <b>& "water"</b></script>'
 HOSTILE = "<script>alert(1)</script> $x_{ {{ 7 * 7 }} 😀"
 WIDTHS = (1400, 390)
+TEAR = Break("tear", hour=6.0, latitude=np.radians(60.0), width=2.0)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +44,7 @@ def run_folder(tmp_path_factory, taichi):
     folder = tmp_path_factory.mktemp("outputs") / "tiny" / "draft"
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
     scene = dataclasses.replace(
-        scene, title=TITLE, label=HOSTILE, description=HOSTILE,
+        scene, title=TITLE, label=HOSTILE, description=HOSTILE, breaks=(TEAR,),
         numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
         output=dataclasses.replace(scene.output, frames_per_segment=FRAMES))
     folder.mkdir(parents=True)
@@ -57,7 +65,8 @@ def run_folder(tmp_path_factory, taichi):
         write_surfaces(surfaces, path, frame, reconstructor, wall=wall)
         Image.new("RGB", (320, 180), (50 * index, 100, 200)).save(images / f"frame_{index:05d}.png")
     metrics.main([str(folder / "scene.json"), str(folder / "initial.npz"), str(frames), "--output",
-                  str(folder / "metrics.csv"), "--meanings", str(folder / "metrics.json")])
+                  str(folder / "metrics.csv"), "--meanings", str(folder / "metrics.json"), "--eye",
+                  str(folder / "eye.vtp")])
     movie.main([str(images), "--scene", str(folder / "scene.json"), "--output", str(folder / "movie.mp4"), "--poster",
                 str(folder / "poster.png")])
     write_costs(folder)
@@ -160,6 +169,33 @@ def turned_by_a_finger(browser):
     return len(set(views)) == len(views)
 
 
+@pytest.mark.parametrize(("patch", "edge"), [
+    (Patch(180.0, 60.0, 60.0, 10.0), 2.0 * np.radians(10.0) + np.pi / 3.0 * (np.sin(np.radians([55, 65])).sum())),
+    (Patch(0.0, 0.0, 360.0, 20.0), 2.0 * np.pi * np.sin(np.radians(10.0))),  # around the pole
+])
+def test_break_is_a_band_along_its_edge_on_the_wall(patch, edge):
+    import pyvista
+
+    wall = pyvista.Icosphere(radius=RADIUS, nsub=5)
+    band = break_bands(wall, [patch])
+    assert band.area == pytest.approx(RADIUS * edge * 0.4e-3, rel=0.05)
+    distance = np.linalg.norm(band.points, axis=1)
+    assert distance.min() > 0.98 * RADIUS and distance.max() < 0.999 * RADIUS
+    # It faces as the wall does, so that it is left out with the nearer half of it.
+    for surface in (wall, band):
+        surface = surface.triangulate()
+        outward = surface.compute_normals(auto_orient_normals=False, consistent_normals=False).cell_data["Normals"]
+        assert (np.einsum("kx,kx->k", outward, surface.cell_centers().points) >= 0.0).all()
+
+
+def test_view_that_turns_has_breaks_only_where_there_are_any(run_folder, index):
+    run = read_run(run_folder)
+    legends = [[words for _, words in mesh["legend"]] for mesh in turning_view(run)["meshes"]]
+    assert legends[-1] == ["break of the retina"]
+    whole = dataclasses.replace(run, scene=dataclasses.replace(run.scene, breaks=()))
+    assert [[words for _, words in mesh["legend"]] for mesh in turning_view(whole)["meshes"]] == legends[:-1]
+
+
 def test_page_works_in_a_browser(index, tmp_path):
     path = headless_browser.find_browser()
     if path is None:
@@ -185,8 +221,24 @@ def test_page_works_in_a_browser(index, tmp_path):
             browser.drag("canvas", right, down)
             views.append(browser.run("document.querySelector('canvas').toDataURL()"))
         assert len(set(views)) == 3 and len(views[0]) > 5000
+        press = """(name => { const buttons = [...document.querySelectorAll(".turning button")];
+            buttons.find(one => one.textContent == name).click();
+            return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(
+                document.querySelector("canvas").toDataURL())))); })"""
+        front, behind = (red_pixels(browser.run(f"{press}('from {place}')")) for place in ("the front", "behind"))
+        assert front > 100 and behind == 0, "the break is behind, and seen through the opened front alone"
+        browser.run("document.querySelector('.turning label:last-of-type input').click()")
+        assert red_pixels(browser.run(f"{press}('from the front')")) == 0
         browser.open(index, WIDTHS[-1], phone=True)
         assert turned_by_a_finger(browser)
         assert browser.requests() == [] and browser.errors() == []
     finally:
         browser.close()
+
+
+def red_pixels(address):
+    """Count the pixels of a picture, a data URL, in the color of breaks, lit or shaded."""
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB"), float)
+    shade = pixels.max(axis=2)
+    alike = np.abs(pixels / np.maximum(shade, 1.0)[..., None] - np.array(BREAK_COLOR) / max(BREAK_COLOR)).max(axis=2)
+    return int(((alike < 0.05) & (shade > 80.0)).sum())

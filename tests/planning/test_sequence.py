@@ -71,6 +71,26 @@ def test_every_posture_that_is_held_has_a_shape(folder, coarse):
     assert "Break above: covered 76 % of that time" in text and text.endswith("No advice.\n")
 
 
+def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
+    found = sequence.sequence_of(scene_file(folder, DAY))
+
+    def told(*margins):
+        pressures = dict.fromkeys(("above", "below"), 4.0)
+        holds = [dataclasses.replace(hold, margins=dict.fromkeys(hold.margins, margins), pressures=pressures)
+                 for hold in found.holds]
+        changed = dataclasses.replace(found, holds=holds)
+        return sequence.rows(changed)[0][-1], sequence.sentences(changed)[1]
+
+    cell, sentence = told(2e-3, 1e-3, 3e-3)
+    assert cell == "covered by 2.0 mm (1.0 to 3.0), 4 Pa"
+    assert sentence == ("Break above: covered 100 % of that time, longest time bare 0 s, with any of the contact "
+                        "angles.")
+    cell, sentence = told(-0.3e-3, -2e-3, 0.5e-3)
+    assert cell == "bare by 0.3 mm (bare by 2.0 to covered by 0.5)"
+    assert sentence == "Break above: covered 0 % of that time (0 to 100 %), longest time bare 4 h (0 s to 4 h)."
+    assert told(-1e-3, -2e-3, -0.5e-3)[0] == "bare by 1.0 mm (2.0 to 0.5)"
+
+
 def test_times_bare_go_on_through_a_turn(folder, coarse):
     found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 60 deg")))
     assert found.covered("below") == (0.0, pytest.approx(14400.0))
@@ -113,11 +133,16 @@ def asked(folder):
     return question, answer, path, run
 
 
-def simulated(path, run, margin):
+def simulated(path, run, margin, rate=0.0):
     scene = load_scene(path, "draft")
     (run / "scene.json").write_text(scene.to_json())
     (run / "metrics.json").write_text(json.dumps({"metrics": [], "breaks": [
         {"name": scene.breaks[0].name, "margin_at_end [mm]": margin, "uncertainty [mm]": 0.5}]}))
+    times = np.linspace(0.0, 1.0, 11)
+    parts = [f"retina_coverage_{part} [%]" for part in ("whole", "superior", "inferior")]
+    lines = [",".join(["frame", "time [s]", *parts]),
+             *(f"{frame},{time},60,90,{30 + rate * time}" for frame, time in enumerate(times))]
+    (run / "metrics.csv").write_text("\n".join(lines) + "\n")
 
 
 def test_before_the_simulation_its_command_is_told(asked):
@@ -139,6 +164,26 @@ def test_after_the_simulation_it_is_told_whether_it_agrees(asked, margin, covers
     answer = answer if covers else dataclasses.replace(answer, fill=0.99)
     (sentence,) = confirm.confirmation(path, question, answer, run.parents[1])
     assert words in sentence
+
+
+def test_a_simulation_that_is_not_at_rest_is_named(asked):
+    question, answer, path, run = asked
+    simulated(path, run, 1.2, rate=-2.0)
+    _, sentence = confirm.confirmation(path, question, answer, run.parents[1])
+    assert sentence.startswith("It is not at rest: in the last 0.5 s the covered share of the retina (inferior) "
+                               "changes by -2 points per second")
+
+
+@pytest.mark.parametrize("name", ["silicone_oil_1000", "heavy_oil_densiron_68"])
+def test_confirming_scenes_have_thin_liquids_with_the_densities_of_the_plan(asked, name):
+    question, answer, path, _ = asked
+    materials = load_settings()[1]
+    question = dataclasses.replace(question, oils={name: materials[name]})
+    path.write_text(confirm.confirming_scene(question, dataclasses.replace(answer, oils=(name,)), Eye(), "resting_eye"))
+    found = {liquid.name: liquid for liquid in load_scene(path, "draft").liquids}
+    assert found.keys() == {"aqueous", name}
+    for liquid in found.values():
+        assert (liquid.density, liquid.dynamic_viscosity) == (materials[liquid.name].density, pytest.approx(0.1))
 
 
 def test_the_simulation_of_another_plan_confirms_nothing(asked):
