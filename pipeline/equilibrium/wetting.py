@@ -9,7 +9,6 @@ import functools
 
 import numpy as np
 
-SMALLEST_ANGLE, LARGEST_ANGLE = np.radians(5.0), np.radians(45.0)
 TRANSITION = 2.5   # edges of triangles over which the interface leaves the wall: with 1.7 it sticks to the triangles
 PIECES = 400       # of the profile, to look its length up
 

@@ -18,7 +18,6 @@ from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
-from pipeline.equilibrium.wetting import LARGEST_ANGLE, SMALLEST_ANGLE
 from pipeline.planning.chart import Charts
 from pipeline.planning.report import CHECKED
 from pipeline.planning.settings import load_settings
@@ -26,7 +25,7 @@ from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.load import load_scene
-from pipeline.scenes.model import Scene
+from pipeline.scenes.model import LARGEST_ANGLE, SMALLEST_ANGLE, Scene
 from pipeline.scenes.retina import direction, globe_radius
 from sim.effects import REGISTRY
 

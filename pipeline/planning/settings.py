@@ -6,17 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.equilibrium.wetting import LARGEST_ANGLE, SMALLEST_ANGLE
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.materials import load_materials
-from pipeline.scenes.model import Material
+from pipeline.scenes.model import LARGEST_ANGLE, SMALLEST_ANGLE, Material
 from pipeline.scenes.reader import Errors, Reader, nearest
 from pipeline.scenes.yaml_files import read_yaml
 from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS
 from sim.parameters import parameter
-
-LEAST, MOST = float(SMALLEST_ANGLE), float(LARGEST_ANGLE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,9 +23,9 @@ class Settings:
     other_liquid: str = parameter(meaning="liquid that the oil displaces")
     oils: tuple[str, ...] = parameter(meaning="oils that can be asked for")
     tension: float = parameter(unit="N/m", exclusive_minimum=0.0, maximum=0.2, meaning="interface tension")
-    contact_angle: float = parameter(unit="rad", minimum=LEAST, maximum=MOST,
+    contact_angle: float = parameter(unit="rad", minimum=SMALLEST_ANGLE, maximum=LARGEST_ANGLE,
                                      meaning="contact angle through the other liquid")
-    other_angles: tuple[float, ...] = parameter(unit="rad", minimum=LEAST, maximum=MOST,
+    other_angles: tuple[float, ...] = parameter(unit="rad", minimum=SMALLEST_ANGLE, maximum=LARGEST_ANGLE,
                                                 meaning="contact angles that are possible too")
     largest_fill: float = parameter(minimum=0.5, maximum=0.99, meaning="largest share of the cavity that gets filled")
     confirming_scene: str = parameter(meaning="scene that a confirming one starts from")

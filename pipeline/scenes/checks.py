@@ -19,7 +19,21 @@ import numpy as np
 from pipeline.base.words import printable
 from pipeline.scenes import container_checks
 from pipeline.scenes.eye_shape import globe_of, shape_of
-from pipeline.scenes.model import Block, Break, Container, Eye, Initial, Material, Output, Region, Scene, is_closed
+from pipeline.scenes.model import (
+    AT_REST,
+    LARGEST_ANGLE,
+    SMALLEST_ANGLE,
+    Block,
+    Break,
+    Container,
+    Eye,
+    Initial,
+    Material,
+    Output,
+    Region,
+    Scene,
+    is_closed,
+)
 from pipeline.scenes.reader import Key, NotRead
 from pipeline.scenes.retina import ORA
 from sim.effects import REGISTRY
@@ -201,6 +215,25 @@ def _level_needs_weight(initial: Initial, effects: dict) -> Found:
     weighing = [name for name, effect in REGISTRY.items() if WEIGHS in effect.does]
     if initial.fill is not None and not effects.keys() & set(weighing):
         yield ("initial", "fill"), f"stacks liquids by weight, but the scene has no effect {' or '.join(weighing)}"
+
+
+@_check
+def _rest_can_be_found(initial: Initial, effects: dict, liquids: tuple[Material, ...], eye: Eye | None, dimension: int
+                       ) -> Found:
+    if initial.shape != AT_REST:
+        return
+    key, names = ("initial", "shape"), [liquid.name for liquid in liquids[:2]]
+    angles = [angle for name, parameters in effects.items()
+              if (angle := REGISTRY[name].contact_angle_of(parameters)) is not None]
+    if eye is None or dimension != 3:
+        yield key, f"is {AT_REST}, which is known in an eye in 3 dimensions only; write level"
+    elif not angles:
+        yield key, f"is {AT_REST}, which takes a tension and a contact angle; add interface_tension, or write level"
+    elif not SMALLEST_ANGLE <= angles[0] <= LARGEST_ANGLE:
+        yield key, (f"is {AT_REST}, which is known for contact angles from {math.degrees(SMALLEST_ANGLE):g} to "
+                    f"{math.degrees(LARGEST_ANGLE):g} deg, not {math.degrees(angles[0]):g} deg; write level")
+    if set(initial.fill or ()) != set(names):
+        yield ("initial", "fill"), f"must give a share to both {' and '.join(names)}, whose shape at rest is asked for"
 
 
 @_check

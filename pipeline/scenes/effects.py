@@ -1,6 +1,8 @@
 """What the effects of a scene know and declare, whichever they are."""
 from typing import Any
 
+import numpy as np
+
 from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
@@ -12,6 +14,11 @@ def known_by_an_effect(scene: Scene, hook: str) -> Any:
     """Return what the first effect that knows it gives in a hook that takes its parameters; None where none does."""
     answers = (getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
     return next((one for one in answers if one is not None), None)
+
+
+def down_at_start(scene: Scene) -> np.ndarray | None:
+    """Return the direction (3,) of gravity in the frame of the scene at its start; None without gravity."""
+    return known_by_an_effect(scene, "down_at_start")
 
 
 def effects_that(scene: Scene, declaration: str) -> list[str]:

@@ -12,6 +12,8 @@ from sim.settings import Liquid, Numerics, Settings
 
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
+AT_REST = "at_rest"  # the start of two liquids in an eye
+SMALLEST_ANGLE, LARGEST_ANGLE = math.radians(5.0), math.radians(45.0)  # of contact: what a shape at rest is found for
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 EQUATOR = math.radians(90.0) + 1e-9   # from the posterior pole; units are rounded
 LARGEST_LATITUDE = math.radians(ORA)
@@ -191,11 +193,14 @@ class Material(Liquid):
 
 @dataclasses.dataclass(frozen=True)
 class Initial:
-    """What fills the whole cavity at t = 0: one liquid, or several stacked level, the lightest on top."""
+    """What fills the whole cavity at t = 0: one liquid, several stacked level, the lightest on top, or oil at rest."""
 
     liquid: str | None = parameter(None, liquid=True, meaning="liquid that fills the cavity, else the first liquid")
     fill: dict[str, float] | None = parameter(None, liquid=True, exclusive_minimum=0.0, maximum=1.0,
                                               meaning="fraction of the cavity that each liquid holds")
+    shape: str = parameter("level", choices=("level", AT_REST),
+                           meaning="liquids stacked level, or two of them where gravity, tension and contact angle "
+                                   "let them rest in an eye")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.base.energies import kinetic_energy, potential_energy
+from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.blocks import contains
-from pipeline.scenes.model import Block, Scene
+from pipeline.equilibrium.of_scene import oil_at_rest, rest_of
+from pipeline.scenes.effects import down_at_start
+from pipeline.scenes.model import AT_REST, Block, Scene
 
 
 def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Liquid of every particle at t = 0: that of its block, or one liquid, or several stacked level, heavy ones below.
+    """Liquid of every particle at t = 0: that of its block, or one liquid, or several at rest or stacked level.
 
     Parameters
     ----------
@@ -19,12 +22,22 @@ def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.n
     Returns
     -------
     (n,) phase indices; volumes are met to one particle.
+
+    Raises
+    ------
+    UserError : no shape at rest was found.
     """
     names = [liquid.name for liquid in scene.liquids]
     if scene.blocks:
         return of_blocks(position, scene.blocks, [names.index(block.liquid) for block in scene.blocks])
     if scene.initial.fill is None:
         return np.full(len(position), names.index(scene.initial.liquid or names[0]))
+    if scene.initial.shape == AT_REST:
+        try:
+            rest = rest_of(scene, down, scene.initial.fill[names[1]])
+        except UserError as error:
+            raise UserError(f"initial.shape: {error}; or write level") from error
+        return oil_at_rest(rest, position).astype(int)
     fill = {names.index(name): value for name, value in scene.initial.fill.items()}
     heavy_first = sorted(fill, key=lambda phase: -scene.liquids[phase].density)
     bounds = np.round(np.cumsum([fill[phase] for phase in heavy_first]) * len(position)).astype(int)
@@ -60,12 +73,11 @@ def build_solver(scene: Scene, initial: dict[str, np.ndarray], head_room: float 
     head_room : room for neighbors and particles (``sim.solver.Solver``); by default what a liquid near rest needs.
     """
     from sim.effect_selection import cheapest
-    from sim.effects import REGISTRY
     from sim.solver import Solver
 
-    weights = (REGISTRY[name].down_at_start(parameters) for name, parameters in scene.effects.items())
-    down = next((one for one in weights if one is not None), np.array([0.0, -1.0, 0.0]))
-    position = initial["fluid_position"]
+    down, position = down_at_start(scene), initial["fluid_position"]
+    if down is None:
+        down = np.array([0.0, -1.0, 0.0])
     phases = initial_phases(scene, position, down[: position.shape[1]])
     settings, notes = cheapest(scene.settings())
     solver = Solver(

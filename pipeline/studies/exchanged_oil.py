@@ -19,10 +19,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.base.progress import progress
+from pipeline.equilibrium.of_scene import liquids_at_rest, rest_of
+from pipeline.planning.settings import postures
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
 from pipeline.study_kit.model import Outcome, Row
-from pipeline.study_kit.resting_eye import RestingEye, liquids_at_rest, rest_of
+from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, OILS, PIECES
 from sim.errors import RunError
 from sim.parameters import parameter
@@ -87,7 +89,7 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     scene = changed(case, scene)
     eye = RestingEye.of(scene)
     if case.exchange == "removal":
-        eye.fill_as(rest_of(scene, case.posture, case.fill))
+        eye.fill_as(rest_of(scene, postures()[case.posture], case.fill))
     injection, solver = scene.effects["injection"], eye.solver
     drained = [liquid.name for liquid in scene.liquids].index(injection.drained_liquid)
     reach = injection.radius + 0.5 * solver.spacing

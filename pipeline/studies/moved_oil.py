@@ -14,13 +14,16 @@ from typing import Any
 import numpy as np
 
 from pipeline.base.progress import progress
+from pipeline.equilibrium.of_scene import rest_of
 from pipeline.measures.interface_shift import InterfaceShift
 from pipeline.measures.rotation_metrics import retina_shear_stress
+from pipeline.planning.settings import postures
+from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
 from pipeline.studies.turned_sphere import Turned
 from pipeline.study_kit.model import Outcome, Row
-from pipeline.study_kit.resting_eye import RestingEye, rest_of
+from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import (
     COURSES,
     EXACT_STRESS,
@@ -110,7 +113,7 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     begin, cpu_begin = time.perf_counter(), time.process_time()
     scene = changed(case, scene)
     eye = RestingEye.of(scene)
-    eye.fill_as(rest_of(scene, scene.effects["gravity"].posture, case.fill))
+    eye.fill_as(rest_of(scene, down_at_start(scene), case.fill))
     outcome = (_stood_up if case.movement == STANDING_UP else _shaken)(case, eye)
     at: dict[str, Any] = {"at": f"[{1e3 * scene.numerics.particle_spacing:g} mm]"}
     outcome.rows += [Row("particles", float(eye.solver.count[None]), **at),
@@ -213,7 +216,7 @@ def _exact(case: Parameters, eye: RestingEye) -> np.ndarray:
 def _stood_up(case: Parameters, eye: RestingEye) -> Outcome:
     """Follow the center of the aqueous from where it rests lying to where it rests standing."""
     solver, scene = eye.solver, eye.scene
-    lying, standing = (rest_of(scene, posture, case.fill).other.center for posture in ("supine", "upright"))
+    lying, standing = (rest_of(scene, postures()[posture], case.fill).other.center for posture in ("supine", "upright"))
     slower = scene.liquids[1].dynamic_viscosity
     ends = SETTLE + np.concatenate([np.linspace(0.0, case.turn_lasts, 9)[1:],
                                     case.turn_lasts + np.linspace(0.0, case.watched * slower, 181)[1:]])

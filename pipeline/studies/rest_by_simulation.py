@@ -13,12 +13,13 @@ import numpy as np
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
 from pipeline.equilibrium.contact import Contact, shares
+from pipeline.equilibrium.of_scene import depth_in_oil, rest_of
 from pipeline.equilibrium.rest import Rest
 from pipeline.measures.coverage import WallContact
+from pipeline.planning.settings import postures
 from pipeline.scenes.model import Eye, Scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
-from pipeline.study_kit.resting_eye import depth_in_oil, rest_of
 from pipeline.study_kit.tank import advance, time_rows
 from sim.effects.gravity import POSTURES
 from sim.parameters import parameter
@@ -65,7 +66,7 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     """Simulate, and set what is covered beside the shape of least energy."""
     scene = changed(case, scene)
     begin = time.perf_counter()
-    exact = rest_of(scene, case.posture, case.fill)
+    exact = rest_of(scene, postures()[case.posture], case.fill)
     exact_s = time.perf_counter() - begin
     initial = voxelize(scene, cavity_mesh(scene.eye)[0])[0]
     solver = build_solver(scene, initial)
@@ -86,11 +87,12 @@ def run(case: Parameters, scene: Scene) -> Outcome:
 
 def _read(scene: Scene, initial: dict[str, np.ndarray], solver, oil: int) -> list[float]:
     arrays = solver.snapshot()
-    return _shares(scene, initial, arrays["position"].astype(float), arrays["volume_fraction"][:, oil].astype(float))
+    return retina_covered(scene, initial, arrays["position"].astype(float),
+                          arrays["volume_fraction"][:, oil].astype(float))
 
 
-def _shares(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray,
-            oil_fraction: np.ndarray) -> list[float]:
+def retina_covered(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray,
+                   oil_fraction: np.ndarray) -> list[float]:
     """Covered shares of the retina and its parts by the project's rule, in percent."""
     numerics = scene.numerics
     contact = WallContact.of(initial, position, oil_fraction, particle_spacing=numerics.particle_spacing,
@@ -103,7 +105,7 @@ def _shares(scene: Scene, initial: dict[str, np.ndarray], position: np.ndarray,
 def _reading(scene: Scene, initial: dict[str, np.ndarray], exact: Rest) -> list[float]:
     """What the project's rule reads of the sharp shape on the particles at the start."""
     position = initial["fluid_position"]
-    return _shares(scene, initial, position, (depth_in_oil(exact, position) > 0.0).astype(float))
+    return retina_covered(scene, initial, position, (depth_in_oil(exact, position) > 0.0).astype(float))
 
 
 def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float], times: np.ndarray,

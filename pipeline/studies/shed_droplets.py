@@ -15,12 +15,13 @@ import numpy as np
 
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import Contact
+from pipeline.equilibrium.of_scene import rest_of
 from pipeline.equilibrium.rest import Rest
 from pipeline.planning.settings import postures
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
 from pipeline.study_kit.model import Outcome, Row, compared
-from pipeline.study_kit.resting_eye import RestingEye, rest_of
+from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import (
     BASE,
     FILL,
@@ -143,7 +144,8 @@ class Study:
                                        contact_angle=np.radians(angle))
             liquids = (self.scene.liquids[0], self.materials[oil])
             self._shapes[key] = rest_of(dataclasses.replace(
-                self.scene, liquids=liquids, effects=self.scene.effects | {"interface_tension": pull}), posture, fill)
+                self.scene, liquids=liquids, effects=self.scene.effects | {"interface_tension": pull}),
+                                        postures()[posture], fill)
         return self._shapes[key]
 
     def shed(self, **changed) -> tuple[float, float]:
@@ -249,7 +251,7 @@ def _by_particles(case: Parameters, scene: Scene) -> Outcome:
     """The length of the contact line as the effect measures it on particles, beside that of the shape."""
     numerics = dataclasses.replace(scene.numerics, precision=case.precision, threads=0)
     eye = RestingEye.of(dataclasses.replace(scene, numerics=numerics))
-    rest = rest_of(scene, "upright", case.fill)
+    rest = rest_of(scene, postures()["upright"], case.fill)
     eye.fill_as(rest)
     effect = next(effect for effect in eye.solver.effects if effect.name == "contact_line_emulsification")
     exact = float(line_of(rest)[1].sum())

@@ -262,6 +262,14 @@ BAD = {
     "fill of a stranger": ("initial: {fill: {oil: 100 %}}", "initial.fill.oil is not known"),
     "fill and liquid": ("initial: {liquid: aqueous, fill: {aqueous: 1}}", "only one of them"),
     "level without gravity": ("initial: {fill: {aqueous: 1}}\neffects: {gravity: null}", "no effect gravity"),
+    "rest of one liquid": ("effects: {injection: null}\ninitial: {shape: at_rest, fill: {aqueous: 1}}",
+                           "initial.fill must give a share to both aqueous and silicone_oil_1000"),
+    "rest without tension": ("effects: {injection: null, interface_tension: null}\n"
+                             "initial: {shape: at_rest, fill: {aqueous: 0.5, silicone_oil_1000: 0.5}}",
+                             "initial.shape is at_rest, which takes a tension and a contact angle"),
+    "rest with another angle": ("effects: {injection: null, interface_tension: {contact_angle: 90 deg}}\n"
+                                "initial: {shape: at_rest, fill: {aqueous: 0.5, silicone_oil_1000: 0.5}}",
+                                "is known for contact angles from 5 to 45 deg, not 90 deg; write level"),
     "mesh without file": ("eye: {model: mesh}", "eye.path is missing"),
     "mesh that is missing": ("eye: {model: mesh, path: no.stl}", 'eye.path is "no.stl", but there is no such file'),
     "mesh for parametric": ("eye: {path: tiny.yaml}", "model is parametric"),

@@ -5,6 +5,7 @@ from conftest import ROOT
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import SignedDistance
+from pipeline.equilibrium.of_scene import depth_in_oil
 from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import COARSE, StarCavity
 from pipeline.measures.interface_shift import InterfaceShift
@@ -14,7 +15,6 @@ from pipeline.studies.turned_sphere import Turned
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import load_study
 from pipeline.study_kit.report import write_study
-from pipeline.study_kit.resting_eye import depth_in_oil
 from pipeline.study_kit.surgeons_words import (
     COURSES,
     EXACT_STRESS,

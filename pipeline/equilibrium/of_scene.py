@@ -1,0 +1,60 @@
+"""Where the oil of a scene is at rest."""
+import numpy as np
+
+from pipeline.base.errors import UserError
+from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.rest import Liquids, Rest, at_rest
+from pipeline.equilibrium.star_cavity import cavity_of
+from pipeline.scenes.effects import known_by_an_effect
+from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
+
+HIGHER = 0.5    # of what is missing to a full cavity: the other start of a search, since two shapes may be at rest
+HIGHEST = 0.98  # fill of that start
+
+
+def liquids_at_rest(scene: Scene) -> Liquids:
+    """Return what decides where the oil of a scene of two liquids, aqueous first, rests."""
+    aqueous, oil = scene.liquids[:2]
+    effects = [(REGISTRY[name], parameters) for name, parameters in scene.effects.items()]
+    tension = sum(effect.tension_of(parameters) for effect, parameters in effects)
+    weight = sum(effect.weight_of(parameters) for effect, parameters in effects)
+    return Liquids(aqueous.density - oil.density, tension, known_by_an_effect(scene, "contact_angle_of"), weight)
+
+
+def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
+    """Return the shape of the oil of a scene at rest: of two that may be, the one with less energy.
+
+    Parameters
+    ----------
+    down : (3,) direction of gravity. fill : share of the cavity that is oil.
+
+    Raises
+    ------
+    UserError : no shape was found.
+    """
+    liquids, cavity = liquids_at_rest(scene), cavity_of(scene.eye)
+    first = at_rest(cavity, liquids, down, fill)
+    above = at_rest(cavity, liquids, down, min(fill + HIGHER * (1.0 - fill), HIGHEST))
+    second = at_rest(cavity, liquids, down, fill, above.distance)
+    best = min((first, second), key=lambda rest: rest.energy if rest.settled else np.inf)
+    if not best.settled:
+        raise UserError(f"no shape of {100.0 * fill:g} % oil at rest was found in this posture, since one point must "
+                        "see all of its surface; try another fill")
+    return best
+
+
+def depth_in_oil(rest: Rest, position: np.ndarray) -> np.ndarray:
+    """How far points (n, 3) lie in the oil, along the ray from the viewpoint, (n,), m; negative outside."""
+    arm = position - rest.cavity.viewpoint
+    distance = np.linalg.norm(arm, axis=1)
+    wall = rest.cavity.wall - rest.cavity.viewpoint
+    corners, weights = interpolation(wall, rest.cavity.faces, arm / np.maximum(distance, 1e-9)[:, None])
+    return (rest.distance[corners] * weights).sum(axis=1) - distance
+
+
+def oil_at_rest(rest: Rest, position: np.ndarray) -> np.ndarray:
+    """Return which of the particles at (n, 3) are oil, (n,) bool: those deepest in it, as many as the fill asks for."""
+    oil = np.zeros(len(position), bool)
+    oil[np.argsort(-depth_in_oil(rest, position), kind="stable")[:round(rest.fill * len(position))]] = True
+    return oil

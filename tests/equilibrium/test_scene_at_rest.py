@@ -1,0 +1,70 @@
+"""A scene whose oil starts at rest: where it is, what it covers, and that it stays."""
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from pipeline.base.errors import UserError
+from pipeline.cavity.surface import cavity_mesh
+from pipeline.cavity.voxels import voxelize
+from pipeline.equilibrium.contact import Contact, shares
+from pipeline.equilibrium.of_scene import rest_of
+from pipeline.scenes.effects import down_at_start
+from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import AT_REST
+from pipeline.simulation.solver_setup import build_solver, initial_phases
+from pipeline.studies.rest_by_simulation import PARTS, retina_covered
+
+FILL = 0.85
+
+
+@pytest.fixture(scope="module")
+def scene():
+    scene = load_scene(ROOT / "config/scenes/eye_at_rest.yaml", "draft")
+    assert scene.initial.shape == AT_REST
+    return dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, precision="f64", threads=0))
+
+
+@pytest.fixture(scope="module")
+def initial(taichi, scene):
+    return voxelize(scene, cavity_mesh(scene.eye)[0])[0]
+
+
+def in_posture(scene, posture):
+    gravity = dataclasses.replace(scene.effects["gravity"], posture=posture)
+    return dataclasses.replace(scene, effects=scene.effects | {"gravity": gravity})
+
+
+@pytest.mark.parametrize("posture", ["upright", "prone"])
+def test_oil_starts_where_it_rests_in_the_posture_of_the_scene(scene, initial, posture):
+    """A shape of least energy, read from particles by the rule of the metrics: 2 points are what particles tell."""
+    scene, position = in_posture(scene, posture), initial["fluid_position"]
+    down = down_at_start(scene)
+    phase = initial_phases(scene, position, down)
+    assert (phase == 1).sum() == round(FILL * len(phase))
+    exact = shares(Contact.of(rest_of(scene, down, FILL)))
+    found = retina_covered(scene, initial, position, (phase == 1).astype(float))
+    assert found == pytest.approx([100.0 * exact[name] for name in PARTS], abs=2.0)
+    level = dataclasses.replace(scene.initial, shape="level")
+    flat = initial_phases(dataclasses.replace(scene, initial=level), position, down)
+    assert np.mean(flat != phase) > 0.02
+
+
+def test_oil_at_rest_hardly_moves(scene, initial):
+    """In 40 ms the level oil of the same scene moves more than twice as fast."""
+    speed = {}
+    for shape in (AT_REST, "level"):
+        solver = build_solver(dataclasses.replace(
+            scene, initial=dataclasses.replace(scene.initial, shape=shape)), initial)
+        for _ in solver.advance(0.04):
+            pass
+        speed[shape] = np.sqrt((solver.particles.to_numpy("velocity") ** 2).sum(axis=1).mean())
+    assert speed[AT_REST] < 0.5 * speed["level"]
+
+
+def test_a_fill_without_a_shape_is_one_sentence(scene, initial):
+    scene = dataclasses.replace(scene, initial=dataclasses.replace(
+        scene.initial, fill={"silicone_oil_1000": 0.02, "aqueous": 0.98}))
+    with pytest.raises(UserError, match=r"initial\.shape: no shape of 2 % oil at rest was found.*write level"):
+        initial_phases(scene, initial["fluid_position"], down_at_start(scene))
