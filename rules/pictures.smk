@@ -68,7 +68,7 @@ rule still:
         "outputs/{scene}/{level}/still.png",
     log:
         "outputs/{scene}/{level}/logs/still.log",
-    threads: workflow.cores
+    threads: lambda w: cores()
     params:
         depends=flow.depends("still"),
     message:

@@ -36,12 +36,16 @@ def test_libraries_that_cannot_be_loaded_are_one_sentence(stage):
 
 @pytest.mark.parametrize("code", [
     "from sim.runtime import initialize; run(lambda: initialize('f32', 1, 'cpu'))",
-    "from pipeline.pictures.opengl import find_working_opengl; run(find_working_opengl)",
     "import numpy; run(lambda: numpy.ones(2**30).sum())",
     "import threading as t; run(lambda: [t.Thread(target=t.Event().wait).start() for _ in range(10**5)])"])
 def test_what_a_stage_cannot_get_is_one_sentence(code):
     sentence = told(limited(["-c", f"from pipeline.base.cli import run\n{code}"], 1200 * MIB))
     assert sentence.startswith("error: not enough memory to run ") and "ulimit -v allows 1.17 GiB" in sentence
+
+
+def test_little_memory_is_not_taken_for_no_opengl():
+    sentence = told(limited(["-m", "pipeline.pictures.opengl"], 500 * MIB))
+    assert sentence.startswith("error: not enough memory to run opengl (no OpenGL could be tried): ulimit -v ")
 
 
 def test_other_errors_keep_their_words():
