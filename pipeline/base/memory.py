@@ -58,7 +58,8 @@ def in_words(size: float) -> str:
     ('1.5 GiB', '1000 MiB')
     """
     unit = max(0, min(4, math.floor(math.log(size, 1024.0)) - 2))
-    return f"{size / 1024.0 ** (unit + 2):.{3 if size < 999.5 * 1024.0 ** (unit + 2) else 4}g} {('MiB', 'GiB', 'TiB', 'PiB', 'EiB')[unit]}"
+    shown = size / 1024.0 ** (unit + 2)
+    return f"{shown:.{3 if shown < 999.5 else 4}g} {('MiB', 'GiB', 'TiB', 'PiB', 'EiB')[unit]}"
 
 
 def sentence_of(error: BaseException, stage: str) -> str:
