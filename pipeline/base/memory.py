@@ -54,11 +54,12 @@ def _number(path: Path) -> float:
 def in_words(size: float) -> str:
     """Return bytes as people read them.
 
-    >>> in_words(1.5 * 2**30), in_words(2**20)
-    ('1.5 GiB', '1 MiB')
+    >>> in_words(1.5 * 2**30), in_words(1000 * 2**20)
+    ('1.5 GiB', '1000 MiB')
     """
     unit = max(0, min(4, math.floor(math.log(size, 1024.0)) - 2))
-    return f"{size / 1024.0 ** (unit + 2):.3g} {('MiB', 'GiB', 'TiB', 'PiB', 'EiB')[unit]}"
+    shown = size / 1024.0 ** (unit + 2)
+    return f"{shown:.{3 if shown < 999.5 else 4}g} {('MiB', 'GiB', 'TiB', 'PiB', 'EiB')[unit]}"
 
 
 def sentence_of(error: BaseException, stage: str) -> str:

@@ -6,10 +6,11 @@ import sys
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
+from pipeline.base.memory import LIBRARIES, address_space
 
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 WINDOWS = {"default": None, "EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
-SECONDS = 60
+SECONDS = 600  # after which a trial hangs; on a busy computer one that does not has taken more than 60
 PROBE = """
 import pyvista
 plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
@@ -41,6 +42,7 @@ def find_working_opengl() -> str:
     Raises
     ------
     UserError : none works; the sentence names the package to install.
+    MemoryError : ``ulimit -v`` leaves no room for a trial.
     """
     # Without a display the default looks for one first and prints warnings: it comes last.
     names = ["default", "EGL", "OSMesa"] if os.environ.get("DISPLAY") else ["EGL", "OSMesa", "default"]
@@ -48,6 +50,8 @@ def find_working_opengl() -> str:
     for name in dict.fromkeys(chosen + names):
         if works(WINDOWS[name]):
             return name
+    if address_space() < LIBRARIES:
+        raise MemoryError("no OpenGL could be tried")
     raise UserError(ADVICE)
 
 

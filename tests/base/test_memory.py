@@ -43,6 +43,11 @@ def test_what_a_stage_cannot_get_is_one_sentence(code):
     assert sentence.startswith("error: not enough memory to run ") and "ulimit -v allows 1.17 GiB" in sentence
 
 
+def test_little_memory_is_not_taken_for_no_opengl():
+    sentence = told(limited(["-m", "pipeline.pictures.opengl"], 500 * MIB))
+    assert sentence.startswith("error: not enough memory to run opengl (no OpenGL could be tried): ulimit -v ")
+
+
 def test_other_errors_keep_their_words():
     assert memory.sentence_of(RuntimeError("the field has another shape"), "render") == ""
     assert memory.sentence_of(OSError(28, "No space left on device"), "render") == ""

@@ -15,6 +15,7 @@ ASKED = ("_cores", "mem_mb", "gpu")
 target, threads, *values = sys.argv[1:]
 with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
     workflow = api.workflow(
+        # Without cores, as with the profiles of clusters: only their jobs have some.
         ResourceSettings(nodes=100, max_threads=int(threads)), snakefile=Path("Snakefile"),
         config_settings=ConfigSettings(config=dict(value.split("=") for value in values),
                                        configfiles=[Path("config/config.yaml")]))
