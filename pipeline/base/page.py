@@ -26,6 +26,7 @@ body{font:15px sans-serif;margin:2em auto;padding:0 1em;max-width:80em;line-heig
 table{border-collapse:collapse;display:block;overflow-x:auto}
 td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}
 td:first-child,th:first-child,td.words,th.words{text-align:left}
+th{white-space:normal;vertical-align:bottom}
 td.words{white-space:normal;min-width:12em}
 tr.marked{background:#fbe9e7}
 img{max-width:100%;height:auto}

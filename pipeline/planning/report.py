@@ -4,20 +4,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.base import page
+from pipeline.equilibrium.checked import CHECKED
 from pipeline.planning.search import FILL_ERROR, Answer, Question
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.model import Eye
 
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 NOTHING = "–"
-CHECKED = (
-    "In spheres, at 70 to 95 % and 10 to 25 degrees, the arc that the oil touches is at most 3 degrees and a covered "
-    "share at most 1.2 points off the exact solution of Young and Laplace (docs/methods/equilibrium.md, and so below).",
-    "In the average eye, upright, at 85 %, light oil touches 68 % of the retina and 37 % of its inferior half; another "
-    "program, Surface Evolver, finds 67 and 34 %.",
-    "Simulations with particles of 1 mm touch less of the inferior half where the patient sits, by 7 to 8 points.",
-    "Nothing was compared with patients, or with an experiment in an eye.",
-)
 
 
 def percent(share: float | None, digits: int = 0) -> str:

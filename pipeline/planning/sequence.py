@@ -15,11 +15,11 @@ from pipeline.base.errors import UserError
 from pipeline.base.progress import progress
 from pipeline.base.words import duration
 from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.planning.chart import Charts
-from pipeline.planning.report import CHECKED
 from pipeline.planning.settings import load_settings
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect

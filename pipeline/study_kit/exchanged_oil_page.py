@@ -81,6 +81,10 @@ def headline(cannulas: Rows, exchanges: Rows) -> str:
              f"({fastest['way'].replace('_', ' ')}) and {minutes(slowest)} min with {oil_words(slowest['oil'])} "
              f"({slowest['way'].replace('_', ' ')}): in proportion to the viscosity, and to one over the fourth power "
              "of the inner diameter."]
+    longer = [float(row["published [min]"]) / float(row["time [min]"]) for row in cannulas if row["oil"] == PUBLISHED]
+    if longer:
+        words.append(f"Surgeons took {min(longer):.1f} to {max(longer):.1f} times as long as is computed for their "
+                     "oil; their suction is not known.")
     removal = ends(exchanges, "removal")
     if removal:
         first = [run for run in removal if run[0] == removal[0][0]]

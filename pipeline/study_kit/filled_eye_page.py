@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.palette import COLORS
+from pipeline.equilibrium.checked import SIMULATED
 from pipeline.pictures.marks import FAINT_INK, INK, write
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.question_page import QuestionPage, drawn, joined_tables, link_to, write_csv, write_picture
@@ -140,7 +141,8 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
          "before the equator. In brackets what it may be: with other contact angles, with the second shape that may "
          "be at rest when lying, and by the error of the computation. Temporal and nasal are those of a right eye, "
          "whose nasal side is below when the patient lies on the left. Other fills are in",
-         page.link("shares.csv", "shares.csv")],
+         page.link("shares.csv", "shares.csv") + ".",
+         "Shaded: the patient is upright."],
         _assumed(outcomes), validated(shares, outcomes),
         "against patients, or against an experiment in a real eye. Tension and contact angle in an operated eye, with "
         "protein and blood, are not known.",
@@ -249,7 +251,7 @@ def validated(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
             page.joined(f"In the eye, a grid with four times as many directions changes a covered share by at most "
                            f"{max(changes):.1f} points; the range holds that, for each posture and part. At 85 % of "
                            f"light oil the method was at most 0.4 points off another program:",
-                           link_to("methods/equilibrium.md"))]
+                           link_to("methods/equilibrium.md") + "."), SIMULATED]
 
 
 def _curves(shares: Shares) -> bytes:

@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.checked import SIMULATED
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
 from pipeline.pictures.paint import BARE, COVERED
@@ -101,7 +102,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         note=("Volume of the cavity, then percent of each part: inferior half, macula, temporal and nasal quadrants "
               "(ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with other contact angles, "
               "with the second shape that may be at rest, and by the error of the computation. Other fills are in",
-              page.link("shares.csv", "shares.csv")),
+              page.link("shares.csv", "shares.csv") + ".", "Shaded: eyes with a changed wall, and the mesh."),
         more=[page.bullets(findings(eyes)), page.details("The same eyes in other postures", page.table(heads, others))],
         assumed=_assumed(eyes, outcomes),
         validated=validated(outcomes),
@@ -171,7 +172,7 @@ def validated(outcomes: Sequence[Outcome]) -> list[str]:
         f"A grid with four times as many directions changes a covered share by at most {max(changes):.1f} points; the "
         "range holds that, for each eye, posture and part.",
         page.joined("The method was compared with exact shapes in spheres, with Surface Evolver in the average eye, "
-                    "and with simulations:", link_to("methods/equilibrium.md"))]
+                    "and with simulations:", link_to("methods/equilibrium.md") + "."), SIMULATED]
 
 
 def section_of_eye(rest: Rest) -> Image.Image:

@@ -113,7 +113,7 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
          f"(efficiency 0.1), set so that some months give what wash-outs held in the mean, {WASHED_OUT[0]:g} ppm; "
          f"they held {WASHED_OUT[1]:g} to {WASHED_OUT[2]:g} ppm (Yu et al. 2020), so that weeks may be ten times more "
          "or fewer. How many times as many droplets does not depend on it. All numbers are in",
-         page.link("shed.csv", "shed.csv")],
+         page.link("shed.csv", "shed.csv") + ".", "Shaded: as by default."],
         _assumed(), validated(shed, outcomes),
         "the law itself: none was published; it has the factors that are known. Against patients, and against an "
         "experiment in an eye. Droplets that merge, that saccades stir, or that leave into the anterior chamber, where "
