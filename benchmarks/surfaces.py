@@ -341,7 +341,8 @@ def runs(folders: list[Path], contour: str) -> str:
                     roughness([line for line, few in zip(lines, small, strict=True) if few == wanted])
                     for wanted in (False, True))
                 noise, mean = curvature_noise(mesh.vertices, mesh.triangles, depth, spacing)
-                body.append((folder.parent.name, index, kernel, f"{ratio:.3f}", f"{turning:.1f}", f"{rest:.1f}",
+                body.append((folder.parent.name, index, kernel, f"{ratio:.3f}", f"{turning:.1f}",
+                             "" if np.isnan(rest) else f"{rest:.1f}",
                              f"{noise:.0f} of {mean:.0f}", f"{100.0 * oil.statistics['volume_error']:+.3f}"))
     return table(("scene", "frame", "kernel", "contact line: length over smoothed", "turning deg per 0.5 mm",
                   "the same of droplets", "noise of the mean curvature 1/m", "volume of the oil %"), body)
