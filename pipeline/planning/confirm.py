@@ -19,7 +19,8 @@ from pipeline.scenes.retina import HOUR
 from pipeline.scenes.yaml_files import read_extended
 
 BREAK = "planned"   # name of the break in the scene
-THIN = "100 mPa s"  # viscosity of both liquids: with their own they would need minutes to the same shape at rest
+# Viscosities: with their own, the liquids need long to the same shape. Measures take the thicker one for the oil.
+THIN_OIL, THIN_OTHER = "100 mPa s", "50 mPa s"
 OUTPUTS = Path("outputs")
 
 
@@ -43,12 +44,12 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     fills: dict[str, float | None] = dict.fromkeys(base["initial"]["fill"])  # null removes what is inherited
     fills |= {oil: round(fill, 4), question.other.name: round(1.0 - round(fill, 4), 4)}
     liquids: dict[str, Any] = dict.fromkeys(base["liquids"])
-    liquids |= {name: {"dynamic_viscosity": THIN} for name in (question.other.name, oil)}
+    liquids |= {question.other.name: {"dynamic_viscosity": THIN_OTHER}, oil: {"dynamic_viscosity": THIN_OIL}}
     scene = {
         "extends": starts_from,
         "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
-        "description": f"Confirms a plan: does the oil at rest touch the break? Both liquids have {THIN}: that changes "
-                       "how soon they rest, not where.",
+        "description": f"Confirms a plan: does the oil at rest touch the break? The liquids have {THIN_OIL} and "
+                       f"{THIN_OTHER}: that changes how soon they rest, not where.",
         "breaks": [{"name": BREAK, "hour": round(question.place.meridian / HOUR, 6) or 12.0,
                     "latitude": f"{question.place.latitude:.6g} deg",
                     "width": round(min(question.place.width / HOUR, 12.0), 6),
