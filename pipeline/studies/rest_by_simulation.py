@@ -1,9 +1,9 @@
 """Oil at rest by energy (`pipeline.equilibrium`) beside simulations in eyes for which it was not made.
 
 A shape at rest depends on densities, tension, contact angle and the eye, not on viscosity: both liquids get one small
-viscosity, so that the simulation rests within seconds. It starts level. What it covers is read by the project's rule
-(`pipeline.measures.coverage`), and so is the sharp shape on the same particles: that tells what the rule adds from what
-the solver does.
+viscosity, so that the simulation rests within seconds. It starts level, which tells whether it finds the shape, or in
+the shape, which tells whether it keeps it. What it covers is read by the project's rule (`pipeline.measures.coverage`),
+and so is the sharp shape on the same particles: that tells what the rule adds from what the solver does.
 """
 import dataclasses
 import time
@@ -17,7 +17,7 @@ from pipeline.equilibrium.of_scene import depth_in_oil, rest_of
 from pipeline.equilibrium.rest import Rest
 from pipeline.measures.coverage import WallContact
 from pipeline.planning.settings import postures
-from pipeline.scenes.model import Eye, Scene
+from pipeline.scenes.model import AT_REST, Eye, Scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import advance, time_rows
@@ -41,6 +41,7 @@ class Parameters:
     eye: Eye = parameter(Eye(), meaning="the eye, as in a scene")
     fill: float = parameter(0.85, minimum=0.5, maximum=0.98, meaning="share of the cavity that is oil")
     posture: str = parameter("upright", choices=tuple(POSTURES), meaning="posture of the patient")
+    start: str = parameter("level", choices=("level", AT_REST), meaning="where the oil of the simulation is at first")
     viscosity: float = parameter(0.1, unit="Pa s", exclusive_minimum=0.0, meaning="of both liquids")
     duration: float = parameter(3.0, unit="s", exclusive_minimum=0.0, meaning="simulated time")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
@@ -56,7 +57,7 @@ def changed(case: Parameters, scene: Scene) -> Scene:
     """Return the scene with the eye, fill, posture and viscosity of a case."""
     effects = scene.effects | {"gravity": dataclasses.replace(scene.effects["gravity"], posture=case.posture)}
     liquids = tuple(dataclasses.replace(liquid, dynamic_viscosity=case.viscosity) for liquid in scene.liquids)
-    initial = dataclasses.replace(scene.initial, fill={OIL: case.fill, AQUEOUS: 1.0 - case.fill})
+    initial = dataclasses.replace(scene.initial, shape=case.start, fill={OIL: case.fill, AQUEOUS: 1.0 - case.fill})
     numerics = dataclasses.replace(scene.numerics, precision=case.precision, threads=0)
     return dataclasses.replace(scene, eye=case.eye, effects=effects, liquids=liquids, initial=initial,
                                numerics=numerics)
@@ -110,7 +111,8 @@ def _reading(scene: Scene, initial: dict[str, np.ndarray], exact: Rest) -> list[
 
 def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float], times: np.ndarray,
              found: np.ndarray, seconds: np.ndarray, failure: str, particles: int) -> Outcome:
-    at = f"{case.patient}, {100 * case.fill:g} %, {case.posture.replace('_', ' ')}"
+    at = (f"{case.patient}, {100 * case.fill:g} %, {case.posture.replace('_', ' ')}"
+          + (", from rest" if case.start == AT_REST else ""))
     outcome, sharp = Outcome(), shares(Contact.of(exact))
     quarter = max(len(found) // 4, 1)
     last, before = found[-quarter:].mean(axis=0), found[-2 * quarter:-quarter].mean(axis=0)
