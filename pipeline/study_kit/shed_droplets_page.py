@@ -9,11 +9,11 @@ import numpy as np
 
 from pipeline.base import page
 from pipeline.base.palette import COLORS
+from pipeline.planning.settings import postures
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.moved_oil_page import oil_words
 from pipeline.study_kit.question_page import QuestionPage, drawn, link_to, table_rows, write_csv, write_picture
 from pipeline.study_kit.surgeons_words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
-from sim.effects.gravity import POSTURES
 
 PICTURES, TABLES = ("droplets",), ("shed", "gathered", "tracers", "sections")
 WASHED_OUT = (3.5, 0.3, 38.0)  # ppm of the volume: mean, least and most of wash-outs [yu2020, abstract]
@@ -158,7 +158,7 @@ def validated(shed: Rows, outcomes: Sequence[Outcome]) -> list[str]:
 def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
     """Bars of all changes, and sections with droplets, as PNG."""
     shed, base = tables["shed"], by(tables["shed"], BASE)[0]
-    postures = [row["posture"] for row in tables["gathered"]]
+    gathered = [row["posture"] for row in tables["gathered"]]
 
     def draw(grid) -> None:
         bars, right = grid[0, 0], [grid[row, column] for row in (0, 1) for column in (1, 2)]
@@ -178,7 +178,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
         bars.set_yticks(ticks, words, fontsize=9)
         bars.set(xlabel="times as many droplets as by default")
         bars.set_title("What sheds droplets", loc="left", fontsize=12)
-        for axes, posture in zip(right, postures, strict=False):
+        for axes, posture in zip(right, gathered, strict=False):
             for what, style in (("oil", {"facecolor": "#f2c14e"}),
                                 ("wall", {"facecolor": "none", "edgecolor": "black"})):
                 outline = _points(tables["sections"], posture, "z [mm]", "y [mm]", what)
@@ -189,7 +189,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
             axes.set_aspect("equal")
             axes.set_xlim(*reversed(axes.get_xlim()))  # the front on the left, as in the pictures of a run
             axes.axis("off")
-            _mark_down(axes, POSTURES[posture])
+            _mark_down(axes, postures()[posture])
 
     return drawn((12.0, 7.0), draw, 2, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})
 
