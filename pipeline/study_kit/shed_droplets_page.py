@@ -194,7 +194,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
     return drawn((12.0, 7.0), draw, 2, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})
 
 
-def _mark_down(axes, down: Sequence[float]) -> None:
+def _mark_down(axes, down: np.ndarray) -> None:
     """Draw whither gravity points in a section, beside it: down (x to the patient's left, y superior, z anterior)."""
     style = {"xycoords": "axes fraction", "ha": "center", "va": "center", "fontsize": 9}
     middle = (1.0, 0.85)
