@@ -26,7 +26,6 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.planning.confirm import BREAK, confirmation
 from pipeline.planning.plan import plan_fill, question_of
-from pipeline.planning.report import NO_ADVICE
 from pipeline.planning.search import CACHE, write_map
 from pipeline.planning.sequence import Sequence as PostureSequence
 from pipeline.planning.sequence import html_of as sequence_page
@@ -83,9 +82,9 @@ def _refuse_to_confirm_in(path: Path) -> None:
 def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
     """Write a sequence as text or, into a file that ends in .html, as a page."""
     if output is None:
-        sys.stdout.write(text(sequence, NO_ADVICE))
+        sys.stdout.write(text(sequence))
     else:
-        write_text(output, (html if output.suffix == ".html" else text)(sequence, NO_ADVICE))
+        write_text(output, (html if output.suffix == ".html" else text)(sequence))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,6 +1,8 @@
 """Numbers and texts as people read them."""
+from collections.abc import Sequence
 
 LONGEST = 80  # of a text in a message
+NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 
 
 def duration(value: float) -> str:
@@ -37,3 +39,13 @@ def printable(text: str, longest: int = LONGEST) -> str:
 def no_formula(text: str) -> str:
     """Return a text that matplotlib draws as it stands, be there dollar signs in it; its lines can be wrapped."""
     return text.replace("$", r"\$")
+
+
+def columns(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table as text, every column as wide as its longest cell.
+
+    >>> columns([("oil", "fill"), ("light oil", "85 %")])
+    ['oil        fill', 'light oil  85 %']
+    """
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]

@@ -10,12 +10,13 @@ from PIL import Image
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
+from pipeline.base.words import NO_ADVICE
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Liquids, Rest, least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of
 from pipeline.planning.chart import Charts
 from pipeline.planning.plan import read_eye, read_record
-from pipeline.planning.report import NO_ADVICE, percent
+from pipeline.planning.report import percent
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import nearest

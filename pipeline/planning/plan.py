@@ -8,12 +8,13 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
+from pipeline.base.words import NO_ADVICE
 from pipeline.equilibrium.rest import least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of, levels_of
 from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
-from pipeline.planning.report import NO_ADVICE, heads, html_of, rows, text_of, verdict
+from pipeline.planning.report import heads, html_of, rows, text_of, verdict
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.base import page
+from pipeline.base.words import NO_ADVICE, columns
 from pipeline.equilibrium.checked import CHECKED
 from pipeline.planning.search import FILL_ERROR, Answer, Question
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.model import Eye
 
-NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 NOTHING = "–"
 
 
@@ -111,11 +111,8 @@ def rows(found: Sequence[Answer]) -> list[tuple[str, ...]]:
 
 def text_of(question: Question, found: Sequence[Answer], eye: Eye) -> str:
     """Return the plan as text."""
-    cells = [heads(), *rows(found)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
     return "\n".join([f"Break: {question.place.words(eye.side)}.", *verdict(question, found), "",
-                      *table, "", _below(question, found), "", "Assumed:",
+                      *columns([heads(), *rows(found)]), "", _below(question, found), "", "Assumed:",
                       *(f"- {line}" for line in assumptions(question, eye)), "", "Checked:",
                       *(f"- {line}" for line in CHECKED), "", NO_ADVICE, ""])
 

@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.progress import progress
-from pipeline.base.words import duration
+from pipeline.base.words import NO_ADVICE, columns, duration
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.contact import Contact, shares
@@ -232,17 +232,14 @@ def assumptions(sequence: Sequence) -> list[str]:
     ]
 
 
-def text_of(sequence: Sequence, no_advice: str) -> str:
+def text_of(sequence: Sequence) -> str:
     """Return all as text."""
-    cells = [heads(sequence), *rows(sequence)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
-    return "\n".join([*sentences(sequence), "", *table, "", "Assumed:",
+    return "\n".join([*sentences(sequence), "", *columns([heads(sequence), *rows(sequence)]), "", "Assumed:",
                       *(f"- {line}" for line in assumptions(sequence)), "", "Checked:",
-                      *(f"- {line}" for line in CHECKED), "", no_advice, ""])
+                      *(f"- {line}" for line in CHECKED), "", NO_ADVICE, ""])
 
 
-def html_of(sequence: Sequence, no_advice: str) -> str:
+def html_of(sequence: Sequence) -> str:
     """Return all as a page, with maps of the first different postures."""
     first, *others = sentences(sequence)
     patches = sequence.scene.patches(globe_radius(sequence.cavity.wall))["breaks"]
@@ -250,7 +247,7 @@ def html_of(sequence: Sequence, no_advice: str) -> str:
     drawn = list({id(hold.rest): hold for hold in reversed(sequence.holds)}.values())[::-1][:MAPS]
     title = sequence.scene.title or sequence.scene.name
     return page.page(f"{title}: oil at rest", [
-        page.paragraph(page.bold(no_advice)), page.paragraph(page.bold(first), *others),
+        page.paragraph(page.bold(NO_ADVICE)), page.paragraph(page.bold(first), *others),
         page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),
         page.section("What the oil touches"),
         page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, breaks are "

@@ -12,18 +12,7 @@ from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import DRAFT, StarCavity, cavity_of
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.filled_eye_page import (
-    AQUEOUS,
-    MODEL_ARC,
-    PARTS,
-    SHARES,
-    SHOWN,
-    SPHERE,
-    TAMPONADES,
-    WHOLE_SPHERE,
-    as_png_file,
-    fundus_picture,
-)
+from pipeline.study_kit.eye_pictures import as_png_file, fundus_picture
 from pipeline.study_kit.fills_at_rest import (
     GRAVITY,
     POSTURES,
@@ -39,6 +28,16 @@ from pipeline.study_kit.fills_at_rest import (
     shares_of,
 )
 from pipeline.study_kit.model import Outcome, Row
+from pipeline.study_kit.surgeons_words import (
+    AQUEOUS,
+    MODEL_ARC,
+    PARTS,
+    SHOWN,
+    SPHERE,
+    TAMPONADES,
+    TOUCHED_BY_FILL,
+    WHOLE_SPHERE,
+)
 from pipeline.study_kit.young_laplace import Profile, oil_at_rest
 from sim.parameters import parameter
 
@@ -110,7 +109,7 @@ def run(case: Parameters) -> Outcome:
         f"{TAMPONADES[case.tamponade]}: density {case.density:g} kg/m3 (aqueous {case.aqueous_density:g}), tension "
         f"{1e3 * case.tension:g} mN/m, contact angle {case.contact_angle:g} degrees through the aqueous, and "
         f"{' and '.join(f'{angle:g}' for angle in case.other_angles)} for the range.")
-    outcome.tables["shares"] = [list(SHARES), *lines]
+    outcome.tables["shares"] = [list(TOUCHED_BY_FILL), *lines]
     if case.maps:
         outcome.pictures["fundus_maps"] = as_png_file(fundus_picture(pictures, case.postures, case.fills))
     return outcome

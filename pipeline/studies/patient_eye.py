@@ -13,7 +13,7 @@ from pipeline.cavity.surface import cavity_mesh
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.filled_eye_page import AQUEOUS, PARTS, SHOWN, as_png_file
+from pipeline.study_kit.eye_pictures import as_png_file, row_of_pictures, section_of_eye
 from pipeline.study_kit.fills_at_rest import (
     GRAVITY,
     POSTURES,
@@ -27,14 +27,7 @@ from pipeline.study_kit.fills_at_rest import (
     range_of,
 )
 from pipeline.study_kit.model import Outcome, Row
-from pipeline.study_kit.patient_eyes_page import (
-    GROUPS,
-    ROW,
-    SHARES,
-    VOLUME,
-    row_of_pictures,
-    section_of_eye,
-)
+from pipeline.study_kit.surgeons_words import AQUEOUS, GROUPS, PARTS, ROW, SHOWN, TOUCHED_BY_EYE, VOLUME
 from sim.parameters import parameter
 
 
@@ -96,7 +89,7 @@ def run(case: Parameters) -> Outcome:
         maps += fundus_maps(cavity, courses, shown, right_eye=right_eye)
         if posture == case.postures[0]:
             section = section_of_eye(courses[0].best[shown[0]])
-    outcome.tables["shares"] = [list(SHARES), *lines]
+    outcome.tables["shares"] = [list(TOUCHED_BY_EYE), *lines]
     outcome.tables["eye"] = [[case.words, case.group]]
     outcome.pictures[ROW] = as_png_file(row_of_pictures([section, *maps]))
     return outcome

@@ -4,38 +4,26 @@ Sources of what is set beside: [fawcett1994, abstract], [rossi2021, abstract], [
 abstract].
 """
 import dataclasses
-import io
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.palette import COLORS
 from pipeline.equilibrium.checked import SIMULATED
-from pipeline.pictures.marks import FAINT_INK, INK, write
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.question_page import QuestionPage, drawn, joined_tables, link_to, write_csv, write_picture
+from pipeline.study_kit.surgeons_words import AQUEOUS, MODEL_ARC, SHOWN, SPHERE, TAMPONADES, WHOLE_SPHERE, posture_words
 
 PICTURES, TABLES = ("fill_curves", "fundus_maps"), ("shares",)
 
-TAMPONADES = {"light_oil": "light oil", "heavy_oil": "heavy oil", "gas": "gas"}
-PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior half",
-         "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
-         "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
-         "behind_equator": "behind the equator", "before_equator": "before the equator"}
 SHOWN_PARTS = {"retina": "retina", "inferior": "inferior", "macula": "macula",
                "superior_temporal": "ST", "superior_nasal": "SN", "inferior_temporal": "IT", "inferior_nasal": "IN",
                "behind_equator": "behind eq.", "before_equator": "before eq."}
-SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
-SHARES = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
-SHOWN = 85.0            # %, fill of the table
 PUBLISHED = (55.0, 78.0)  # % of the retina [rossi2021, abstract]
-MODEL_ARC = "exact arc of contact of a model eye"
-HEAD, SIDE, GAP = 54, 118, 6    # pixels of the picture of maps: above, at the left, between
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +116,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
 
 
 def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves: bytes, maps: bytes) -> QuestionPage:
-    rows = [(f"{TAMPONADES[tamponade]}, {_words(posture)}",
+    rows = [(f"{TAMPONADES[tamponade]}, {posture_words(posture)}",
              *(str(shares.at(tamponade, posture, shares.shown, part)) for part in SHOWN_PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
     return QuestionPage(
@@ -190,10 +178,11 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]
                     for posture in places}
-        outside = [_words(posture) for posture, (low, high) in range_of.items()
+        outside = [posture_words(posture) for posture, (low, high) in range_of.items()
                    if low < PUBLISHED[0] or high > PUBLISHED[1]]
-        words = ", ".join(f"{_words(posture)} {low:.0f}–{high:.0f} %" for posture, (low, high) in range_of.items())
-        macula = ", ".join(f"{_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula')} %"
+        words = ", ".join(f"{posture_words(posture)} {low:.0f}–{high:.0f} %"
+                          for posture, (low, high) in range_of.items())
+        macula = ", ".join(f"{posture_words(posture)} {shares.at('light_oil', posture, 90.0, 'macula')} %"
                            for posture in places)
         inferior, superior = (shares.at("light_oil", "upright", 90.0, part).value for part in ("inferior", "superior"))
         found += [f"Oil of 80–90 % touched 55–78 % of the retina of a 24 mm phakic eye, standing, 45 degrees up and "
@@ -273,32 +262,3 @@ def _curves(shares: Shares) -> bytes:
         grid[0].legend(frameon=False, fontsize=9)
 
     return drawn((11.5, 4.6), draw, 1, 2, sharey=True)
-
-
-def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str],
-                   fills: Sequence[float]) -> Image.Image:
-    """Return maps, a row for every posture and a column for every fill, as one picture."""
-    width, height = maps[0][0].size
-    image = Image.new("RGB", (SIDE + len(fills) * (width + GAP), HEAD + len(postures) * (height + GAP)), "white")
-    pen = ImageDraw.Draw(image)
-    for column, fill in enumerate(fills):
-        write(pen, (SIDE + column * (width + GAP) + width / 2, HEAD / 2), f"{100 * fill:g} %", 18, bold=True, color=INK,
-              anchor="mm")
-    write(pen, (4, HEAD / 2), "fill", 16, color=FAINT_INK, anchor="lm")
-    for row, (posture, line) in enumerate(zip(postures, maps, strict=True)):
-        top = HEAD + row * (height + GAP)
-        write(pen, (4, top + height / 2), _words(posture), 16, bold=True, color=INK, anchor="lm", width=SIDE - 8)
-        for column, one in enumerate(line):
-            image.paste(one, (SIDE + column * (width + GAP), top))
-    return image
-
-
-def as_png_file(image: Image.Image) -> bytes:
-    """Return a picture as PNG."""
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def _words(posture: str) -> str:
-    return {"head_up_45": "head up 45°"}.get(posture, posture.replace("_", " "))

@@ -15,7 +15,7 @@ from pipeline.equilibrium.star_cavity import DRAFT, StarCavity
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.planning.settings import postures
-from pipeline.study_kit.filled_eye_page import PARTS
+from pipeline.study_kit.surgeons_words import PARTS
 
 GRAVITY = 9.81
 HEAD_UP = "head_up_45"                      # the patient leans back by half a right angle

@@ -1,32 +1,23 @@
 """The page of the study of eyes: one answer, one picture, one table, and what it rests on."""
 import dataclasses
 import io
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.checked import SIMULATED
-from pipeline.equilibrium.rest import Rest
-from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
-from pipeline.pictures.paint import BARE, COVERED
-from pipeline.study_kit.filled_eye_page import AQUEOUS, SHOWN, SHOWN_PARTS, Share, as_png_file
+from pipeline.study_kit.eye_pictures import all_eyes, as_png_file
+from pipeline.study_kit.filled_eye_page import SHOWN_PARTS, Share
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.question_page import QuestionPage, joined_tables, link_to, write_csv, write_picture
+from pipeline.study_kit.surgeons_words import AQUEOUS, GROUPS, ROW, SHOWN, VOLUME, posture_words
 
-GROUPS = {"length": "length", "lens": "lens", "wall": "buckle and staphyloma", "mesh": "a mesh from elsewhere"}
-SHARES = ("eye", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
 PICTURES, TABLES = ("eye_maps",), ("shares",)
-VOLUME, ROW = "volume of the cavity", "eye_row"
 OTHER_PARTS = ("retina", "inferior", "macula")      # of other postures
-SIZE, GAP, SIDE, HEAD = 168, 6, 150, 34     # pixels: of a picture, between them, of the names, of the heads
-RAYS = 360                                  # of a section
-SECTION_REACH = 17e-3                       # m, half the width of a section: of the longest eye
 Key = tuple[str, str, float, str]           # eye, posture, fill in percent, part
 
 
@@ -84,7 +75,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     first = eyes.postures[0]
     others = [(name, *(str(eyes.at(name, posture, part)) for posture in eyes.postures[1:] for part in OTHER_PARTS))
               for name in eyes.groups]
-    heads = ("", *(f"{_words(posture)}: {part}" for posture in eyes.postures[1:] for part in OTHER_PARTS))
+    heads = ("", *(f"{posture_words(posture)}: {part}" for posture in eyes.postures[1:] for part in OTHER_PARTS))
     return QuestionPage(
         headline=headline(eyes),
         description=f"{description} The rest is aqueous. Shares are of the area of the retina, in percent.",
@@ -173,58 +164,3 @@ def validated(outcomes: Sequence[Outcome]) -> list[str]:
         "range holds that, for each eye, posture and part.",
         page.joined("The method was compared with exact shapes in spheres, with Surface Evolver in the average eye, "
                     "and with simulations:", link_to("methods/equilibrium.md") + "."), SIMULATED]
-
-
-def section_of_eye(rest: Rest) -> Image.Image:
-    """Return the section of an eye and its oil in the plane x = 0 of the viewpoint, front on the left."""
-    angle = 2.0 * np.pi * np.arange(RAYS) / RAYS
-    ray = np.stack([np.zeros(RAYS), np.sin(angle), np.cos(angle)], axis=-1)
-    cavity = rest.cavity
-    corners, weights = interpolation(cavity.wall - cavity.viewpoint, cavity.faces, ray)
-    side = OVERSAMPLING * SIZE
-    image = Image.new("RGB", (side, side), "white")
-    pen = ImageDraw.Draw(image)
-    wall = (cavity.radius[corners] * weights).sum(axis=1)
-    scale = 0.5 * side / SECTION_REACH
-    for distance, color, width in ((wall, tuple(BARE), 0), ((rest.distance[corners] * weights).sum(axis=1),
-                                                            tuple(COVERED), 0), (wall, None, 2 * OVERSAMPLING)):
-        point = cavity.viewpoint + distance[:, None] * ray
-        pixels = [(0.5 * side - scale * z, 0.5 * side - scale * y) for _, y, z in point]
-        if color is None:
-            pen.line([*pixels, pixels[0]], fill=INK, width=width)
-        else:
-            pen.polygon(pixels, fill=color)
-    return reduce(image)
-
-
-def row_of_pictures(pictures: Sequence[Image.Image]) -> Image.Image:
-    """Return pictures side by side."""
-    image = Image.new("RGB", (len(pictures) * (SIZE + GAP) - GAP, SIZE), "white")
-    for column, one in enumerate(pictures):
-        image.paste(one, (column * (SIZE + GAP), 0))
-    return image
-
-
-def all_eyes(names: Sequence[str], rows: Sequence[Image.Image], postures: Sequence[str]) -> Image.Image:
-    """Return the rows of all eyes below each other, in two columns, as one picture."""
-    width, lines = SIDE + rows[0].width + 3 * GAP, -(-len(rows) // 2)
-    image = Image.new("RGB", (2 * width, HEAD + lines * (SIZE + GAP)), "white")
-    pen = ImageDraw.Draw(image)
-    for column, line in itertools.product(range(2), range(lines)):
-        left, index = column * width, column * lines + line
-        if line == 0:
-            for place, head in enumerate(("from the side", *map(_words, postures))):
-                middle = left + SIDE + place * (SIZE + GAP) + SIZE / 2
-                write(pen, (middle, HEAD / 2), head, 16, color=FAINT_INK, anchor="mm")
-        if index < len(rows):
-            top = HEAD + line * (SIZE + GAP)
-            words = names[index].split(", ")
-            for number, word in enumerate(words):
-                height = top + SIZE / 2 + 20 * (number - 0.5 * (len(words) - 1))
-                write(pen, (left + 4, height), word, 16, bold=number == 0, color=INK, anchor="lm", width=SIDE - 8)
-            image.paste(rows[index], (left + SIDE, top))
-    return image
-
-
-def _words(posture: str) -> str:
-    return {"head_up_45": "head up 45°"}.get(posture, posture.replace("_", " "))

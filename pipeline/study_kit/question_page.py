@@ -15,9 +15,9 @@ from types import ModuleType
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.words import NO_ADVICE
 from pipeline.study_kit.model import Outcome
 
-NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
 # What words mean, for readers who compute nothing.
 WORDS = {

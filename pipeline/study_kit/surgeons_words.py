@@ -29,3 +29,25 @@ SHED = ("factor", "setting", "contact line [mm]", "shed [ppm of the cavity per w
 GATHERED = ("median x [mm]", "median y [mm]", "median z [mm]")
 TRACERS = ("posture", "x [mm]", "y [mm]", "z [mm]")
 LINE_BY_PARTICLES = "length of the contact line by particles"
+TAMPONADES = {"light_oil": "light oil", "heavy_oil": "heavy oil", "gas": "gas"}
+PARTS = {"retina": "retina", "superior": "superior half", "inferior": "inferior half",
+         "superior_temporal": "superior temporal", "superior_nasal": "superior nasal",
+         "inferior_temporal": "inferior temporal", "inferior_nasal": "inferior nasal", "macula": "macula",
+         "behind_equator": "behind the equator", "before_equator": "before the equator"}
+SPHERE, WHOLE_SPHERE, AQUEOUS = "sphere", "wall", "aqueous_before_equator"
+TOUCHED_BY_FILL = ("tamponade", "axial length [mm]", "posture", "fill [%]", "part", "covered [%]", "low [%]",
+                   "high [%]")
+SHOWN = 85.0                # %, fill of the tables
+MODEL_ARC = "exact arc of contact of a model eye"
+GROUPS = {"length": "length", "lens": "lens", "wall": "buckle and staphyloma", "mesh": "a mesh from elsewhere"}
+TOUCHED_BY_EYE = ("eye", "posture", "fill [%]", "part", "covered [%]", "low [%]", "high [%]")
+VOLUME, ROW = "volume of the cavity", "eye_row"
+
+
+def posture_words(posture: str) -> str:
+    """Return a posture in words.
+
+    >>> posture_words("left_side"), posture_words("head_up_45")
+    ('left side', 'head up 45°')
+    """
+    return {"head_up_45": "head up 45°"}.get(posture, posture.replace("_", " "))

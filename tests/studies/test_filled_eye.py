@@ -12,10 +12,11 @@ from pipeline.equilibrium.star_cavity import COARSE, cavity_of
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.model import Eye
 from pipeline.studies import filled_eye
-from pipeline.study_kit.filled_eye_page import PARTS, SPHERE, Shares
+from pipeline.study_kit.filled_eye_page import Shares
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.plan import load_study
 from pipeline.study_kit.report import write_study
+from pipeline.study_kit.surgeons_words import PARTS, SPHERE
 
 FILLS = (0.7, 0.8, 0.9)
 

@@ -8,11 +8,11 @@ from conftest import ROOT
 
 from pipeline.scenes.model import Buckle, Eye
 from pipeline.studies import patient_eye, rest_by_simulation
-from pipeline.study_kit.filled_eye_page import PARTS
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.patient_eyes_page import Eyes, write_page
 from pipeline.study_kit.plan import load_study
 from pipeline.study_kit.report import write_study
+from pipeline.study_kit.surgeons_words import PARTS
 
 sys.path.insert(0, str(ROOT / "tests" / "judges"))
 import surface_evolver
