@@ -3,14 +3,11 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.rest import Liquids, Rest, at_rest
+from pipeline.equilibrium.rest import Liquids, Rest, least_at_rest
 from pipeline.equilibrium.star_cavity import cavity_of
 from pipeline.scenes.effects import known_by_an_effect
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
-
-HIGHER = 0.5    # of what is missing to a full cavity: the other start of a search, since two shapes may be at rest
-HIGHEST = 0.98  # fill of that start
 
 
 def liquids_at_rest(scene: Scene) -> Liquids:
@@ -23,7 +20,7 @@ def liquids_at_rest(scene: Scene) -> Liquids:
 
 
 def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
-    """Return the shape of the oil of a scene at rest: of two that may be, the one with less energy.
+    """Return the shape of the oil of a scene at rest: of those that are found, the one with least energy.
 
     Parameters
     ----------
@@ -33,11 +30,7 @@ def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
     ------
     UserError : no shape was found.
     """
-    liquids, cavity = liquids_at_rest(scene), cavity_of(scene.eye)
-    first = at_rest(cavity, liquids, down, fill)
-    above = at_rest(cavity, liquids, down, min(fill + HIGHER * (1.0 - fill), HIGHEST))
-    second = at_rest(cavity, liquids, down, fill, above.distance)
-    best = min((first, second), key=lambda rest: rest.energy if rest.settled else np.inf)
+    best = least_at_rest(cavity_of(scene.eye), liquids_at_rest(scene), down, fill)
     if not best.settled:
         raise UserError(f"no shape of {100.0 * fill:g} % oil at rest was found in this posture, since one point must "
                         "see all of its surface; try another fill")

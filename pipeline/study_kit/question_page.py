@@ -83,7 +83,7 @@ class QuestionPage:
             page.picture(self.picture, self.picture_words),
             page.paragraph(*self.caption),
             page.section(self.title),
-            page.table(self.heads, self.rows, marked=self.marked),
+            page.table(self.heads, self.rows, words=(0,), marked=self.marked),
             page.paragraph(*self.note),
             *self.more,
             page.section("What was assumed"),
