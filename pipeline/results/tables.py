@@ -77,6 +77,8 @@ class Table:
     Attributes
     ----------
     study : of config/studies, whose numbers it has.
+    cases : patterns of cases of that study, of which it has every number that is allowed an error, at the finest
+        resolution.
     wide : one line per case and one column per quantity, instead of a line per number.
     figure, caption : picture in docs/images above the table.
     text : Markdown above, ``after``: below.
@@ -87,6 +89,7 @@ class Table:
     text: str = ""
     after: str = ""
     study: str = ""
+    cases: tuple[str, ...] = ()
     wide: bool = False
     figure: str = ""
     caption: str = ""
@@ -133,11 +136,15 @@ def read_layout(folder: Path) -> Layout:
     path = folder / LAYOUT
     plain = read_yaml(path)
     try:
-        pages = tuple(Page(**page | {"tables": tuple(Table(**table) for table in page["tables"])})
+        pages = tuple(Page(**page | {"tables": tuple(map(_table, page["tables"]))})
                       for page in plain["pages"])
         return Layout(plain["title"], plain["text"], pages, tuple(Headline(**one) for one in plain["headlines"]))
     except (KeyError, TypeError) as error:
         raise UserError(f"{path}: is no layout of pages ({error})") from error
+
+
+def _table(plain: dict) -> Table:
+    return Table(**plain | {"cases": tuple(plain.get("cases", ()))})
 
 
 def read_rows(folder: Path, page: Page) -> list[Row]:

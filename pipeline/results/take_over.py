@@ -1,7 +1,8 @@
 """Numbers of fresh runs come into the tables of ``docs/results``.
 
 From a study, ``outputs/studies/<study>/<level>``: each row of its ``table.csv`` replaces the row of the same level,
-case and quantity; a row that is named otherwise has "case: quantity" of the study as its source.
+case and quantity; a row that is named otherwise has "case: quantity" of the study as its source. A table with ``cases``
+gets all rows of these cases anew.
 
 From a scene, ``outputs/<scene>/<level>``: rows of that level whose source is "<scene>: <what> <how>". What: a column of
 ``metrics.csv`` without its unit; how: last, largest or smallest. Or what: a stage, or all; how: wall, cpu or memory, as
@@ -98,7 +99,26 @@ def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Ma
         for row in matches:
             _fill(row, line, by)
         count += len(matches)
+    for owner, table in ((page, table) for page in layout.pages for table in page.tables if table.study == study):
+        fresh = [_fresh(table.name, line, level, command, by) for line in _finest(found, table.cases)]
+        cases = {row.case for row in fresh}
+        rows[owner.name] = [row for row in rows[owner.name]
+                            if (row.table, row.level) != (table.name, level) or row.case not in cases] + fresh
+        count += len(fresh)
     return count
+
+
+def _finest(found: list[dict[str, str]], patterns: tuple[str, ...]) -> list[dict[str, str]]:
+    """The lines of cases that are allowed an error, of the last resolution: a study begins with the coarsest."""
+    last = {(line["case"].partition(" ")[0], line["quantity"]): line for line in found if line["tolerance"]}
+    return [line for (case, _), line in last.items() if any(fnmatch.fnmatchcase(case, one) for one in patterns)]
+
+
+def _fresh(table: str, line: dict[str, str], level: str, command: str, by: Made) -> Row:
+    case, _, size = line["case"].partition(" ")
+    row = Row(table, case, line["quantity"], unit=_unit(line["unit"]), size=size, level=level, command=command)
+    _fill(row, line, by)
+    return row
 
 
 def _page_of(table: str, places: dict[tuple[str, str], Page]) -> Page:
