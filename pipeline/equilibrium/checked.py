@@ -1,7 +1,8 @@
 """What shapes at rest were checked against, in sentences for pages. Numbers: docs/methods/equilibrium.md."""
 
-SIMULATED = ("Simulations with particles of 1 mm touch less of the inferior half: by 7 to 15 points where the patient "
-             "sits, by 1 to 4 where the patient lies.")
+SIMULATED = ("Simulations with particles of 1 mm that start from the shape keep it and touch 1 to 4 points less of the "
+             "inferior half; those that start level end 7 to 15 points lower where the patient sits, 1 to 4 where the "
+             "patient lies.")
 CHECKED = (
     "In spheres, at 70 to 95 % and 10 to 25 degrees, the arc that the oil touches is at most 3 degrees and a covered "
     "share at most 1.2 points off the exact solution of Young and Laplace (docs/methods/equilibrium.md, and so below).",
