@@ -2,7 +2,7 @@
 
 From a study, ``outputs/studies/<study>/<level>``: each row of its ``table.csv`` replaces the row of the same level,
 case and quantity; a row that is named otherwise has "case: quantity" of the study as its source. A table with ``cases``
-gets all rows of these cases anew.
+gets every number of these cases that is allowed an error, at their finest resolution.
 
 From a scene, ``outputs/<scene>/<level>``: rows of that level whose source is "<scene>: <what> <how>". What: a column of
 ``metrics.csv`` without its unit; how: last, largest or smallest. Or what: a stage, or all; how: wall, cpu or memory, as
