@@ -109,8 +109,12 @@ def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Ma
 
 
 def _finest(found: list[dict[str, str]], patterns: tuple[str, ...]) -> list[dict[str, str]]:
-    """The lines of cases that are allowed an error, of the last resolution: a study begins with the coarsest."""
-    last = {(line["case"].partition(" ")[0], line["quantity"]): line for line in found if line["tolerance"]}
+    """The lines of cases that are allowed an error, of the last resolution: a study begins with the coarsest.
+
+    A case without a result is allowed none, and what the table has of it stays.
+    """
+    last = {(line["case"].partition(" ")[0], line["quantity"]): line for line in found
+            if float(line["tolerance"] or 0.0) > 0.0}
     return [line for (case, _), line in last.items() if any(fnmatch.fnmatchcase(case, one) for one in patterns)]
 
 
