@@ -1,8 +1,8 @@
 """What shapes at rest were checked against, in sentences for pages. Numbers: docs/methods/equilibrium.md."""
 
-SIMULATED = ("Simulations with particles of 1 mm that start from the shape keep it and touch 1 to 4 points less of the "
-             "inferior half; those that start level end 7 to 15 points lower where the patient sits, 1 to 4 where the "
-             "patient lies.")
+SIMULATED = ("A second and coarser method, simulations that resolve 1 mm, keeps the shape and touches 1 to 4 points "
+             "less of the inferior half. From level oil it does not find the shape where the patient sits (7 to 15 "
+             "points less), since the front edges are finer than 1 mm; where the patient lies it is 1 to 4 points off.")
 CHECKED = (
     "In spheres, at 70 to 95 % and 10 to 25 degrees, the arc that the oil touches is at most 3 degrees and a covered "
     "share at most 1.2 points off the exact solution of Young and Laplace (docs/methods/equilibrium.md, and so below).",

@@ -134,8 +134,8 @@ def _assumed(cannulas: Rows, exchanges: Rows) -> list[str]:
     spacing, (least, most) = exchanges[0]["spacing [mm]"], capillary_numbers(cannulas)
     return ["Oil creeps through the cannula (Hagen and Poiseuille, with the loss at both ends); tubing and valve lose "
             "nothing. Oils flow with one viscosity at any speed: those with long chains flow more easily.",
-            "Pressures are along the cannula: the infusion's 40 mmHg alone, with a suction of 600 mmHg, or a pump of "
-            "5 bar. Lengths and inner diameters are in config/studies/injection_study.yaml.",
+            "Pressures are along the cannula, not in the eye: the infusion's 40 mmHg alone, with a suction of 600 "
+            "mmHg, or a pump of 5 bar. Lengths and inner diameters are in config/studies/injection_study.yaml.",
             f"The simulation has particles of {spacing} mm, a flow ten to hundreds of times that of surgery, and oil "
             "of 100 mPa s, so that tension outweighs viscosity as it does in surgery: the capillary number is in the "
             f"table, in the cannulas above it is {least:.4f} to {most:.3f} whatever the oil. Tension 40 mN/m, contact "

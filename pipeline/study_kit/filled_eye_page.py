@@ -127,8 +127,9 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
         f"What a fill of {shares.shown:g} % touches", ("", *SHOWN_PARTS.values()), rows,
         ["In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and "
          "before the equator. In brackets what it may be: with other contact angles, with the second shape that may "
-         "be at rest when lying, and by the error of the computation. Temporal and nasal are those of a right eye, "
-         "whose nasal side is below when the patient lies on the left. Other fills are in",
+         "be at rest when lying (the macula of a supine patient is bare in one and may be touched in the other), and "
+         "by the error of the computation. Head up 45°: the patient leans back by 45 degrees. Temporal and nasal are "
+         "those of a right eye, whose nasal side is below when the patient lies on the left. Other fills are in",
          page.link("shares.csv", "shares.csv") + ".",
          "Shaded: the patient is upright."],
         _assumed(outcomes), validated(shares, outcomes),
@@ -138,7 +139,7 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
               page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
               page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
                              "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
-                             "hatched where the contact angles do not agree."),
+                             "hatched where it is uncertain."),
               page.section("Beside what was published"), page.bullets(anchors(shares, outcomes))],
         words=("touched", "contact angle", "tension", "at rest", "points", "grid"),
         marked=[number for number, row in enumerate(rows) if row[0].endswith("upright")])
@@ -160,8 +161,8 @@ def front_edges(shares: Shares) -> str:
     front = shares.at(name, "upright", shares.shown, AQUEOUS).value
     eye, sphere = (shares.at(name, posture, shares.shown, "retina") for posture in ("upright", SPHERE))
     return (f"The eye is no sphere: its front edges, where globe, ciliary body and lens meet, hold aqueous "
-            f"({front:.0f} % of it is before the equator at a fill of {shares.shown:g} %, in a sphere half), so that "
-            f"{TAMPONADES[name]} touches {eye.value:.0f} % of the retina, in the sphere {sphere.value:.0f} %.")
+            f"({front:.0f} % of the aqueous is before the equator at a fill of {shares.shown:g} %, in a sphere half), "
+            f"so that {TAMPONADES[name]} touches {eye.value:.0f} % of the retina, in the sphere {sphere.value:.0f} %.")
 
 
 def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
@@ -173,7 +174,8 @@ def anchors(shares: Shares, outcomes: Sequence[Outcome]) -> list[str]:
         arcs = [_arc(shares, name, 80.0) for name in ("gas", "light_oil")]
         found.append(f"Gas has a longer arc of contact than oil of the same volume (Fawcett et al. 1994). Here, at "
                      f"80 %: {arcs[0]:.0f} and {arcs[1]:.0f} degrees in a sphere; {gas[0]:.0f} and {oil[0]:.0f} % of "
-                     f"the retina of the eye. At {shares.fills[-1]:g} % it is {gas[1]:.0f} and {oil[1]:.0f} %.")
+                     f"the retina of the eye. At {shares.fills[-1]:g} % gas touches {gas[1]:.0f}, oil "
+                     f"{oil[1]:.0f} % of it.")
     places = [posture for posture in ("upright", "head_up_45", "supine") if posture in shares.postures]
     if shares.knows(*(("light_oil", posture, fill) for posture in places for fill in (80.0, 90.0))):
         range_of = {posture: [shares.at("light_oil", posture, fill, "retina").value for fill in (80.0, 90.0)]

@@ -83,17 +83,17 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         picture_words="Sections of the eyes and maps of the fundus, posture by posture",
         caption=(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front on the "
                  "left; then maps of the fundus as an observer sees it who faces the patient: macula in the middle, "
-                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where the contact angles "
-                 "do not agree.",),
+                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where it is uncertain.",),
         title=f"What a fill of {eyes.shown:g} % touches, patient {first}",
         heads=("", "mL", *SHOWN_PARTS.values()),
         rows=[(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
               for name in eyes.groups],
         marked=[number for number, name in enumerate(eyes.groups) if eyes.groups[name] in ("wall", "mesh")],
-        note=("Volume of the cavity, then percent of each part: inferior half, macula, temporal and nasal quadrants "
-              "(ST, SN, IT, IN), behind and before the equator. In brackets what it may be: with other contact angles, "
-              "with the second shape that may be at rest, and by the error of the computation. Other fills are in",
-              page.link("shares.csv", "shares.csv") + ".", "Shaded: eyes with a changed wall, and the mesh."),
+        note=("Open in front: the anterior chamber holds oil too. Volume of the cavity, then percent of each part: "
+              "inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and before the equator. In "
+              "brackets what it may be: with other contact angles, with the second shape that may be at rest, and by "
+              "the error of the computation. Other fills are in", page.link("shares.csv", "shares.csv") + ".",
+              "Shaded: eyes with a changed wall, and the mesh."),
         more=[page.bullets(findings(eyes)), page.details("The same eyes in other postures", page.table(heads, others))],
         assumed=_assumed(eyes, outcomes),
         validated=validated(outcomes),
@@ -110,9 +110,8 @@ def headline(eyes: Eyes) -> str:
     for part, words in (("retina", "of the retina"), ("inferior", "of its inferior half")):
         known = [name for name in names if np.isfinite(eyes.at(name, first, part).value)]
         least, most = (choice(known, key=lambda name: eyes.at(name, first, part).value) for choice in (min, max))
-        said.append(f"{eyes.at(least, first, part).value:.0f} ({least}) to {eyes.at(most, first, part).value:.0f} % "
-                    f"({most}) {words}")
-    return f"Patient {first}, {eyes.shown:g} % of the volume filled with light oil: it touches {' and '.join(said)}."
+        said.append(f"{eyes.at(least, first, part)} % {words} ({least}) to {eyes.at(most, first, part)} % ({most})")
+    return f"Patient {first}, {eyes.shown:g} % of the volume filled with light oil: it touches {', and '.join(said)}."
 
 
 def findings(eyes: Eyes) -> list[str]:
