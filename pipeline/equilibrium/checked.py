@@ -2,7 +2,7 @@
 
 SIMULATED = ("A second and coarser method, simulations that resolve 1 mm, keeps the shape and touches 1 to 4 points "
              "less of the inferior half. From level oil it does not find the shape where the patient sits (7 to 15 "
-             "points less), since the front edges are finer than 1 mm; where the patient lies it is 1 to 4 points off.")
+             "points less), likely since the front edges are finer; where the patient lies it is 1 to 4 points off.")
 CHECKED = (
     "In spheres, at 70 to 95 % and 10 to 25 degrees, the arc that the oil touches is at most 3 degrees and a covered "
     "share at most 1.2 points off the exact solution of Young and Laplace (docs/methods/equilibrium.md, and so below).",

@@ -29,7 +29,7 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
 
     Parameters
     ----------
-    starts_from : scene that it extends: level liquids in an eye, with weight, tension and contact angle.
+    starts_from : scene that it extends: two liquids in an eye, with weight, tension and contact angle.
     """
     path = PROJECT_CONFIG / "scenes" / f"{starts_from}.yaml"
     base = read_extended(path, Errors(path))
@@ -48,8 +48,8 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     scene = {
         "extends": starts_from,
         "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
-        "description": f"Confirms a plan: does the oil at rest touch the break? The liquids have {THIN_OIL} and "
-                       f"{THIN_OTHER}: that changes how soon they rest, not where.",
+        "description": f"Confirms a plan: does the oil, started at rest, keep touching the break? The liquids have "
+                       f"{THIN_OIL} and {THIN_OTHER}: that changes how soon they rest, not where.",
         "breaks": [{"name": BREAK, "hour": round(question.place.meridian / HOUR, 6) or 12.0,
                     "latitude": f"{question.place.latitude:.6g} deg",
                     "width": round(min(question.place.width / HOUR, 12.0), 6),

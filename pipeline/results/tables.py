@@ -78,7 +78,7 @@ class Table:
     ----------
     study : of config/studies, whose numbers it has.
     cases : patterns of cases of that study, of which it has every number that is allowed an error, at the finest
-        resolution.
+        resolution, and at any other where it does not hold.
     wide : one line per case and one column per quantity, instead of a line per number.
     figure, caption : picture in docs/images above the table.
     text : Markdown above, ``after``: below.

@@ -2,7 +2,7 @@
 
 From a study, ``outputs/studies/<study>/<level>``: each row of its ``table.csv`` replaces the row of the same level,
 case and quantity; a row that is named otherwise has "case: quantity" of the study as its source. A table with ``cases``
-gets every number of these cases that is allowed an error, at their finest resolution.
+gets every number of these cases that is allowed an error, at their finest resolution and where it does not hold.
 
 From a scene, ``outputs/<scene>/<level>``: rows of that level whose source is "<scene>: <what> <how>". What: a column of
 ``metrics.csv`` without its unit; how: last, largest or smallest. Or what: a stage, or all; how: wall, cpu or memory, as
@@ -100,7 +100,7 @@ def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Ma
             _fill(row, line, by)
         count += len(matches)
     for owner, table in ((page, table) for page in layout.pages for table in page.tables if table.study == study):
-        fresh = [_fresh(table.name, line, level, command, by) for line in _finest(found, table.cases)]
+        fresh = [_fresh(table.name, line, level, command, by) for line in _judged(found, table.cases)]
         cases = {row.case for row in fresh}
         rows[owner.name] = [row for row in rows[owner.name]
                             if (row.table, row.level) != (table.name, level) or row.case not in cases] + fresh
@@ -108,14 +108,16 @@ def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Ma
     return count
 
 
-def _finest(found: list[dict[str, str]], patterns: tuple[str, ...]) -> list[dict[str, str]]:
-    """The lines of cases that are allowed an error, of the last resolution: a study begins with the coarsest.
+def _judged(found: list[dict[str, str]], patterns: tuple[str, ...]) -> list[dict[str, str]]:
+    """The lines of cases that are allowed an error: those of the last resolution, and of any other what does not hold.
 
-    A case without a result is allowed none, and what the table has of it stays.
+    A study begins with the coarsest resolution. A case without a result is allowed no error: what the table has of it
+    stays.
     """
-    last = {(line["case"].partition(" ")[0], line["quantity"]): line for line in found
-            if float(line["tolerance"] or 0.0) > 0.0}
-    return [line for (case, _), line in last.items() if any(fnmatch.fnmatchcase(case, one) for one in patterns)]
+    lines = [line for line in found if float(line["tolerance"] or 0.0) > 0.0
+             and any(fnmatch.fnmatchcase(line["case"].partition(" ")[0], one) for one in patterns)]
+    last = {(line["case"].partition(" ")[0], line["quantity"]): line for line in lines}
+    return [line for line in lines if line["holds"] == "false" or line in last.values()]
 
 
 def _fresh(table: str, line: dict[str, str], level: str, command: str, by: Made) -> Row:

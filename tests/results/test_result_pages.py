@@ -108,10 +108,11 @@ def test_new_cases_come_only_where_they_are_asked_for(project):
     assert (row.table, row.case, row.value, row.level) == ("flow", line["case"], "5.8", "fine")
 
 
-def test_a_table_of_cases_has_what_is_allowed_an_error_at_the_finest_resolution(project):
+def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(project):
     lines = [{"case": f"spin_down-central R/dx={size}", "quantity": "decay rate", "value": value, "unit": "1/s",
               "reference": "5.783", "error": error, "tolerance": "0.05", "holds": holds}
-             for size, value, error, holds in ((12, "6.2", "0.072", "false"), (24, "5.8", "0.00294", "true"))]
+             for size, value, error, holds in ((12, "6.2", "0.07211", "false"), (18, "5.9", "0.02023", "true"),
+                                              (24, "5.8", "0.00294", "true"))]
     lines += [{"case": "spin_down-central", "quantity": "observed order", "value": "2"},
               {"case": "spin_up-central R/dx=24", "quantity": "decay rate", "value": "1", "tolerance": "0.05"}]
     folder = study_table(project, "validation", "fine", *lines)
@@ -120,7 +121,8 @@ def test_a_table_of_cases_has_what_is_allowed_an_error_at_the_finest_resolution(
         assert taken.returncode == 0, taken.stderr
         fine = [row for row in rows_of(project, "validation") if row.level == "fine"]
         assert [(row.table, row.case, row.size, row.value, row.expected, row.error, row.allowed, row.holds)
-                for row in fine] == [("flow", "spin_down-central", "R/dx=24", "5.8", "5.783", "0.294", "5", "yes")]
+                for row in fine] == [("flow", "spin_down-central", "R/dx=12", "6.2", "5.783", "7.211", "5", "no"),
+                                     ("flow", "spin_down-central", "R/dx=24", "5.8", "5.783", "0.294", "5", "yes")]
 
 
 def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
