@@ -130,7 +130,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.format and scene.dimension == 2:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
-    initialize("f32", threads, device)
+    initialize("f32", threads, device, keep_to_core=True)
     initial = load_initial(options.initial)
     reconstructor = Reconstructor(
         initial, len(scene.liquids), cell_ratio=scene.output.cell_ratio,

@@ -229,7 +229,7 @@ def main() -> None:
     from sim.profiling import counted_launches
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, threads, device)
+    initialize(scene.numerics.precision, threads, device, keep_to_core=True)
     try:
         runner = Runner(None, functools.partial(build_solver, scene, initial), fits)
     except OverflowError as error:

@@ -24,7 +24,7 @@ def precision_of(case: Case) -> str:
     return getattr(case.parameters, "precision", "f64")
 
 
-def run_case(case: Case, threads: int = 0, device: str = "cpu") -> Outcome:
+def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core: bool = False) -> Outcome:
     """Run one case and return what it measured, every row with the seconds it took.
 
     A case that its own parameters make impossible has a failure as its outcome: it would fail again, and is no reason
@@ -34,11 +34,12 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu") -> Outcome:
     ----------
     threads : of the solver, 0 for as many as are useful.
     device : of the solver.
+    keep_to_core : see ``sim.runtime.initialize``.
     """
     from sim.errors import RunError
     from sim.runtime import initialize
 
-    initialize(precision_of(case), threads, device)
+    initialize(precision_of(case), threads, device, keep_to_core=keep_to_core)
     begin = time.perf_counter()
     try:
         outcome = case.run()
@@ -87,7 +88,7 @@ def main() -> None:
 
 
 def _run_into(case: Case, folder: Path, threads: int, device: str) -> None:
-    outcome = run_case(case, threads, device)
+    outcome = run_case(case, threads, device, keep_to_core=True)
     with replacing_folder(folder) as partial:
         outcome.write(partial)
 

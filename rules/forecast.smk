@@ -39,10 +39,11 @@ rule estimate:
     log:
         "outputs/{scene}/{level}/logs/estimate.log",
     priority: 20  # before the simulation, which finds its kernels compiled
-    threads: lambda w: cores()  # all: nothing else runs while times are measured
+    threads: lambda w: flow.threads(w.scene, w.level, cores())  # what runs beside it runs beside the simulation too
     resources:
         mem_mb=flow.memory("estimate"),
         gpu=flow.gpu,
+        foreseen=lambda w: cores(),  # no parameter: another number of cores is no reason to estimate again
     params:
         depends=flow.depends("estimate"),
         start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
@@ -50,7 +51,7 @@ rule estimate:
     message:
         "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"
     shell:
-        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {threads}"
+        "python -m pipeline.estimate {input.scene} --made {input.eye} {input.initial} --cores {resources.foreseen}"
         " {params.start} {flow.device} --output {output.page} --output {output.levels} 2>&1 | tee {log}"
 
 

@@ -9,7 +9,7 @@ from taichi.lang.ast import ast_transformer_utils
 from taichi.lang.impl import current_cfg
 
 from sim import host_memory
-from sim.cores import available_cores, useful_threads
+from sim.cores import available_cores, keep_to_one_core, useful_threads
 from sim.devices import AUTO, best_device
 
 _started: dict[str, Any] = {}
@@ -34,7 +34,7 @@ class NoDevice(RuntimeError):
     """Taichi finds no such device on this computer."""
 
 
-def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") -> None:
+def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *, keep_to_core: bool = False) -> None:
     """Start Taichi; a second call with the same arguments does nothing.
 
     Parameters
@@ -43,6 +43,8 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") ->
     threads : number of worker threads; 0 for as many as Taichi runs with already, else as many as are useful here;
         without meaning on a GPU.
     device : one of ``sim.devices.DEVICES``; "auto" for that on which Taichi runs already, else the best one here.
+    keep_to_core : with one thread, keep the process to one core (``sim.cores.keep_to_one_core``); for processes that do
+        nothing beside.
 
     Raises
     ------
@@ -57,6 +59,8 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu") ->
         if _started != wanted:
             raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")
         return
+    if keep_to_core and wanted["threads"] == 1 and wanted["device"] == "cpu":
+        keep_to_one_core()
     before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(

@@ -197,7 +197,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from sim.errors import RunError
     from sim.runtime import initialize
 
-    initialize(scene.numerics.precision, scene.numerics.threads, chosen_device(None, scene, options.scene))
+    initialize(scene.numerics.precision, scene.numerics.threads, chosen_device(None, scene, options.scene),
+               keep_to_core=True)
     imports = usage()
     try:
         if options.rehearse:

@@ -16,14 +16,13 @@ from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
-from pipeline.scenes.threads import chosen_threads, solver_threads
+from pipeline.scenes.threads import chosen_threads, paying_threads, solver_threads
 from pipeline.scenes.yaml_files import scene_files
 from pipeline.study_kit.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
 from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged
-from sim.cores import USEFUL_THREADS
 
 SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
@@ -131,7 +130,7 @@ class Workflow:
         """
         scene = self.scene(name, level)
         if self.elsewhere:
-            return min(scene.numerics.threads or USEFUL_THREADS, cores)
+            return min(scene.numerics.threads or paying_threads(scene), cores)
         return solver_threads(scene, cores)
 
     def memory(self, stage: str):

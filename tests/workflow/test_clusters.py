@@ -12,8 +12,9 @@ from conftest import ROOT
 from snakemake.cli import get_argument_parser
 
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.volume import liquid_volume
 from pipeline.workflow import scenes as workflow
-from pipeline.workflow.memory import liquid_volume, memory_of_stage
+from pipeline.workflow.memory import memory_of_stage
 from sim.cores import available_cores
 from sim.memory import needed_bytes
 
@@ -35,7 +36,7 @@ def test_jobs_ask_for_threads_memory_and_a_gpu(project):
     project.write_scene("greedy", "extends: tiny\nnumerics: {threads: 32, device: cuda}\n")  # more than there are here
     asked = resources(project, "greedy", "48")
     assert {rule: asked[rule]["_cores"] for rule in SOLVING} == {
-        "voxelize": 32, "simulate": 32, "estimate": 48, "reconstruct": 1}
+        "voxelize": 32, "simulate": 32, "estimate": 32, "reconstruct": 1}
     assert {rule for rule, one in asked.items() if one["gpu"]} == set(SOLVING)
     assert all(asked[rule]["mem_mb"] >= 1000 for rule in (*SOLVING, "render", "metrics", "page"))
     assert asked["render"]["mem_mb"] > asked["simulate"]["mem_mb"]

@@ -104,6 +104,34 @@ def test_every_worker_has_a_core_of_its_own_where_they_take_all(tmp_path):
         assert set(workers) == {every} and main == every
 
 
+KEEP = """
+import os, sys
+from pathlib import Path
+from sim.cores import keep_to_one_core
+print(keep_to_one_core(Path(sys.argv[1])), len(os.sched_getaffinity(0)), flush=True)
+input()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not bind processes to cores")
+def test_processes_keep_to_different_cores_until_all_are_taken(tmp_path):
+    def process():
+        return subprocess.Popen([sys.executable, "-c", KEEP, tmp_path], cwd=ROOT, text=True, stdin=subprocess.PIPE,
+                                stdout=subprocess.PIPE)
+
+    every = os.sched_getaffinity(0)
+    keeping = [process() for _ in every]
+    held = [one.stdout.readline().split() for one in keeping]
+    assert {int(core) for core, _ in held} == every and {bound for _, bound in held} == {"1"}
+    late = process()
+    assert late.communicate("\n")[0].split() == ["None", str(len(every))]
+    keeping[0].communicate("\n")  # ends, and its core is free again
+    late = process()
+    assert late.communicate("\n")[0].split() == [held[0][0], "1"]
+    for one in keeping[1:]:
+        one.communicate("\n")
+
+
 def test_libraries_get_the_threads_of_the_job(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     assert threads.library_threads() == 3
@@ -153,8 +181,15 @@ def flow(project, monkeypatch, nothing_planned):
 @pytest.mark.parametrize(("given", "open_number", "four"), [
     (1, 1, 1), (2, 2, 2), (3, 2, 3), (8, 7, 4), (17, 16, 4), (64, 16, 4), (1000, 16, 4)])
 def test_simulation_leaves_a_core_for_drawing_where_there_are_three(flow, given, open_number, four):
-    assert flow.threads("tiny", "draft", given) == open_number
+    assert flow.threads("tamponade", "standard", given) == open_number
     assert flow.threads("four", "draft", given) == four
+
+
+def test_a_small_simulation_takes_no_more_threads_than_pay(flow, project):
+    """One for every 4,000 particles, of 64 cores: 5,100 make one, 24,000 six."""
+    project.write_scene("between", "extends: tamponade\nnumerics: {particle_spacing: 0.595 mm}\n")
+    assert flow.threads("tamponade", "draft", 64) == 1
+    assert flow.threads("between", "draft", 64) == 6
 
 
 def test_cases_of_a_study_share_the_cores(flow, project):
@@ -171,7 +206,7 @@ def test_cases_of_a_study_share_the_cores(flow, project):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_solver_is_told_the_threads_that_snakemake_counts(project, jobs):
     """A dry run takes no notice of -j."""
-    code, output = project.snakemake("-n", "-p", "--cores", str(jobs), "outputs/tiny/draft/movie.mp4")
+    code, output = project.snakemake("-n", "-p", "--cores", str(jobs), "outputs/tamponade/standard/movie.mp4")
     assert code == 0, output
     told = dict.fromkeys(("voxelize", "simulate", "reconstruct"))
     for stage in told:
