@@ -1,11 +1,18 @@
 """Start of Taichi, once per process."""
+import ast
 import contextlib
+import functools
+import inspect
+import linecache
 import os
+import textwrap
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import taichi as ti
-from taichi.lang.ast import ast_transformer_utils
+from taichi.lang import kernel_impl
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 from taichi.lang.impl import current_cfg
 
 from sim import host_memory
@@ -16,18 +23,24 @@ _started: dict[str, Any] = {}
 _packed_field = ti.field
 
 
-class _Unwrapped:
-    """Lines of code as they are, in the place of `textwrap.TextWrapper`."""
-
-    def __init__(self, **_):
-        pass
-
-    def wrap(self, text: str) -> list[str]:
-        return [text] if text.strip() else []
+def _place(context: ASTTransformerContext, node: ast.expr) -> str:
+    """Where a part of a kernel is, for messages of errors."""
+    return (f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+            f"{context.src[node.lineno - 1]}\n")
 
 
-# Taichi breaks the lines of every expression for messages of errors: half of the time before it compiles.
-ast_transformer_utils.TextWrapper = _Unwrapped
+@functools.cache
+def _source(function: FunctionType) -> tuple[list[str], int]:
+    """Lines of the source of a function, with its decorators, and the number of the first."""
+    first = function.__code__.co_firstlineno
+    return inspect.getblock(linecache.getlines(function.__code__.co_filename)[first - 1:]), first
+
+
+# Half of the time before it compiles, Taichi takes for messages of errors (marks below every expression, lines broken),
+# and for finding and reading the source of a function anew wherever it is called.
+ASTTransformerContext.get_pos_info = _place
+kernel_impl.getsourcelines, kernel_impl.getsourcefile = _source, lambda function: function.__code__.co_filename
+kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=textwrap.dedent)
 
 
 class NoDevice(RuntimeError):
