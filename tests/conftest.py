@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import forked_snakemake
+import forked
 import numpy as np
 import pytest
 
@@ -120,7 +120,7 @@ class Project:
     def snakemake(self, *arguments: str) -> tuple[int, str]:
         """Run Snakemake to its end; return its exit code and all that it printed."""
         log = self.folder / "snakemake.log"
-        code = forked_snakemake.run(self.folder, arguments, log)
+        code = forked.snakemake(self.folder, arguments, log)
         return code, log.read_text()
 
 

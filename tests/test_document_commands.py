@@ -1,10 +1,9 @@
 """What the documents tell to type can be typed."""
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import pytest
 
 from pipeline.study_kit.plan import study_names
@@ -29,7 +28,7 @@ STAGES = sorted({match[1] for line in commands() if (match := MODULE.search(line
 
 @pytest.mark.parametrize("module", STAGES)
 def test_stages_of_the_documents_have_the_options_that_they_name(module):
-    done = subprocess.run([sys.executable, "-m", module, "--help"], cwd=ROOT, capture_output=True, text=True)
+    done = forked.run(module, "--help")
     assert done.returncode == 0 and done.stdout.startswith("usage: "), done.stderr
     for line in commands():
         match = MODULE.search(line)

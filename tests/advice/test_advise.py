@@ -1,12 +1,11 @@
 """Advice on a scene: numbers worked out by hand, and warnings exactly where they belong."""
+import functools
 import json
 import math
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -348,9 +347,7 @@ def test_numbers_are_written_for_people(value, unit, text):
     assert shown(value, unit) == text
 
 
-def advise(*arguments: str | Path) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", "pipeline.advise", *arguments], cwd=ROOT, capture_output=True,
-                          text=True)
+advise = functools.partial(forked.run, "pipeline.advise")
 
 
 def test_command_line_warns_and_succeeds(config, tmp_path):
@@ -421,8 +418,7 @@ def test_simulation_prints_the_advice_first(scene, tmp_path):
     for stage in (["eye", "scene.json", "--output", "eye.vtp", "--report", "eye.json"],
                   ["voxelize", "scene.json", "eye.vtp", "--output", "initial.npz", "--report", "voxelize.json"],
                   ["simulate", "scene.json", "initial.npz", "--frames", "frames", "--checkpoint", "end.npz"]):
-        result = subprocess.run([sys.executable, "-m", f"pipeline.{stage[0]}", *stage[1:]], cwd=tmp_path,
-                                env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+        result = forked.run(f"pipeline.{stage[0]}", *stage[1:], folder=tmp_path)
         assert result.returncode == 0, result.stderr
     assert text_of(report_of(case, 1e-3)) in result.stdout
     assert result.stdout.index("case (draft). Estimates") < result.stdout.index("steps so far")

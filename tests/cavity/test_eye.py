@@ -2,8 +2,8 @@
 import dataclasses
 import json
 import subprocess
-import sys
 
+import forked
 import meshio
 import numpy as np
 import pytest
@@ -272,9 +272,8 @@ def test_a_large_stl_without_finite_numbers_is_a_sentence(eye, tmp_path, monkeyp
 
 def run_stage(scene, folder) -> subprocess.CompletedProcess:
     (folder / "scene.json").write_text(scene.to_json())
-    command = [sys.executable, "-m", "pipeline.eye", folder / "scene.json", "--output", folder / "eye.vtp",
-               "--report", folder / "eye.json"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    return forked.run("pipeline.eye", folder / "scene.json", "--output", folder / "eye.vtp", "--report",
+                      folder / "eye.json")
 
 
 def test_stage_writes_surface_and_report(tmp_path):

@@ -1,9 +1,8 @@
 """Signed distance, liquid lattice and wall layers: against exact shapes, and in the eye."""
 import dataclasses
 import json
-import subprocess
-import sys
 
+import forked
 import numpy as np
 import pytest
 import trimesh
@@ -184,9 +183,8 @@ def test_stage_writes_arrays_and_report(tmp_path):
     scene = scene_with(particle_spacing=2e-3)
     (tmp_path / "scene.json").write_text(scene.to_json())
     write_mesh(cavity_mesh(scene.eye)[0], tmp_path / "eye.vtp")
-    command = [sys.executable, "-m", "pipeline.voxelize", tmp_path / "scene.json", tmp_path / "eye.vtp",
-               "--output", tmp_path / "initial.npz", "--report", tmp_path / "voxelize.json"]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    result = forked.run("pipeline.voxelize", tmp_path / "scene.json", tmp_path / "eye.vtp", "--output",
+                        tmp_path / "initial.npz", "--report", tmp_path / "voxelize.json")
     assert result.returncode == 0, result.stderr
     report = json.loads((tmp_path / "voxelize.json").read_text())
     with np.load(tmp_path / "initial.npz") as arrays:

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 
+import forked
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -431,8 +432,7 @@ def test_wrong_request_is_a_sentence(arguments, sentence, kept):
 def test_estimate_of_a_small_scene(tmp_path):
     """Nothing is faked: a scene is filled, probed, rehearsed, drawn and measured."""
     (tmp_path / "box.yaml").write_text(BOX)
-    done = subprocess.run([sys.executable, "-m", "pipeline.estimate", tmp_path / "box.yaml", "--format", "json"],
-                          cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    done = forked.run("pipeline.estimate", tmp_path / "box.yaml", "--format", "json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     level, = json.loads(done.stdout)["levels"]
     assert set(level["seconds"]) == {"simulate", "eye", "voxelize", "reconstruct", "render", "metrics", "other"}

@@ -1,7 +1,7 @@
 """The stage plan: fills that cover a break, what cannot be covered, and wrong input as one sentence."""
-import subprocess
-import sys
+import functools
 
+import forked
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -20,10 +20,7 @@ from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Buckle, Eye, Landmarks
 from pipeline.scenes.retina import direction
 
-
-def plan(*arguments, folder=ROOT) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", "pipeline.plan", *map(str, arguments)], cwd=folder,
-                          capture_output=True, text=True)
+plan = functools.partial(forked.run, "pipeline.plan")
 
 
 def question(place: Break, *, margin: float = 0.0, oils=("silicone_oil_1000",), chosen=("upright",),

@@ -2,9 +2,9 @@
 import csv
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import pytest
 
 from pipeline.base.errors import UserError
@@ -26,8 +26,7 @@ def project(tmp_path) -> Path:
 
 
 def run(project: Path, *arguments: object) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "pipeline.result_pages", "--project", project, *arguments]
-    return subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True)
+    return forked.run("pipeline.result_pages", "--project", project, *arguments)
 
 
 def rows_of(project: Path, name: str) -> list:

@@ -2,10 +2,9 @@
 import dataclasses
 import json
 import shutil
-import subprocess
-import sys
 from types import MappingProxyType
 
+import forked
 import numpy as np
 import pytest
 import pyvista
@@ -402,8 +401,7 @@ def test_all_stages_by_command_line(base, tmp_path):
 
     def stage(name, *arguments):
         words = [tmp_path / word if "." in word or word in FOLDERS else word for word in arguments]
-        done = subprocess.run([sys.executable, "-m", f"pipeline.{name}", *map(str, words)], cwd=ROOT,
-                              capture_output=True, text=True)
+        done = forked.run(f"pipeline.{name}", *words)
         assert done.returncode == 0, done.stderr
         return done.stdout
 

@@ -3,10 +3,9 @@ import dataclasses
 import json
 import math
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import pytest
 
 from pipeline.base.errors import UserError
@@ -435,8 +434,7 @@ def test_list_and_schema_and_standard_output(write, capsys):
 
 def test_wrong_input_exits_with_2_and_no_traceback(write):
     path = write("extends: tamponade\neffects: {injection: {fill: 101 %, flow: 1 mL}}\n")
-    done = subprocess.run([sys.executable, "-m", "pipeline.scene", path], capture_output=True, text=True,
-                          cwd=PROJECT_CONFIG.parent)
+    done = forked.run("pipeline.scene", path)
     assert done.returncode == 2 and done.stdout == ""
     assert len(done.stderr.splitlines()) == 2
     assert all(line.startswith(f"error: {path}: effects.injection.") for line in done.stderr.splitlines())
@@ -444,7 +442,6 @@ def test_wrong_input_exits_with_2_and_no_traceback(write):
 
 def test_folder_that_cannot_be_written_exits_with_1(write, tmp_path):
     (tmp_path / "file").write_text("")
-    done = subprocess.run([sys.executable, "-m", "pipeline.scene", write("extends: tiny"), "--output",
-                           tmp_path / "file" / "scene.json"], capture_output=True, text=True, cwd=PROJECT_CONFIG.parent)
+    done = forked.run("pipeline.scene", write("extends: tiny"), "--output", tmp_path / "file" / "scene.json")
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1 and done.stderr.startswith("error: ")

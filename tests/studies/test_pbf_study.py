@@ -1,10 +1,8 @@
 """The study of position-based fluids: its measures of given particles, its references and its command line."""
-import subprocess
-import sys
 
+import forked
 import numpy as np
 import pytest
-from conftest import ROOT
 from synthetic_frames import SPACING, frame_of
 
 from pipeline.studies import position_based as study
@@ -49,7 +47,7 @@ def test_references():
 
 
 def test_study_lists_its_cases():
-    result = subprocess.run([sys.executable, "-m", "pipeline.study", "pbf_study", "--list"], cwd=ROOT,
-                            capture_output=True, text=True, check=True)
+    result = forked.run("pipeline.study", "pbf_study", "--list")
+    assert result.returncode == 0, result.stderr
     assert result.stdout.split()[-5:] == ["position_based", "shear_wave-0.1-coefficient", "shear_wave-0.5-coefficient",
                                           "shear_wave-0.1-own", "shear_wave-0.1-none"]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 from cavities import SPACING, part
@@ -84,8 +85,7 @@ def test_taichi_does_not_fall_back_to_the_cpu():
 def test_stages_refuse_a_device_before_all_else(tmp_path, device, stage):
     (tmp_path / "scene.json").write_text(load_scene(ROOT / "config/scenes/tiny.yaml", "draft").to_json())
     folder = ROOT if stage[0] == "study" else tmp_path
-    done = subprocess.run([sys.executable, "-m", f"pipeline.{stage[0]}", *stage[1:], "--device", device],
-                          cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    done = forked.run(f"pipeline.{stage[0]}", *stage[1:], "--device", device, folder=folder)
     assert done.returncode == 2
     assert done.stderr.startswith("error: --device is ") and done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]

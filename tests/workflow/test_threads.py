@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import pytest
 from conftest import ROOT
 
@@ -159,8 +160,7 @@ def test_threads_beyond_the_cores_are_refused(asked, where):
 def test_stages_refuse_threads_beyond_the_cores_before_all_else(tmp_path, stage):
     (tmp_path / "scene.json").write_text(load_scene(ROOT / "config/scenes/tiny.yaml", "draft").to_json())
     folder = ROOT if stage[0] == "study" else tmp_path
-    done = subprocess.run([sys.executable, "-m", f"pipeline.{stage[0]}", *stage[1:], "--threads", str(TOO_MANY)],
-                          cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    done = forked.run(f"pipeline.{stage[0]}", *stage[1:], "--threads", TOO_MANY, folder=folder)
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: --threads is {TOO_MANY}, but must be") and done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]

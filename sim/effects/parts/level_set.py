@@ -111,7 +111,9 @@ class LevelSet:
     def update(self) -> None:
         """Rebuild phi, its normals and curvature from the present positions and colors."""
         self._mark()
-        self._splat()
+        self._clear()
+        self._splat(0)
+        self._splat(1)
         self._find_band()
         for _ in range(REDISTANCING_PASSES // 2):
             self._redistance(self.phi, self.phi_next)
@@ -233,22 +235,24 @@ class LevelSet:
         return cell_start[layer * self.search.strides[self.last]]
 
     @ti.kernel
-    def _splat(self):
-        """Sums of weights and of weighted colors at the nodes near particles that see another color.
-
-        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
-        sums do not depend on the number of threads.
-        """
+    def _clear(self):
+        """No sums, and phi far from the interface on the side it was."""
         for n in range(self.grid.size):
             self.weight[n] = 0.0
             self.phi_next[n] = 0.0
             if ti.static(self.mixes):
                 self.contrast[n] = 0.0
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
-        for half in range((self.slabs + 1) // 2):
-            self._splat_slab(2 * half)
-        for half in range(self.slabs // 2):
-            self._splat_slab(2 * half + 1)
+
+    @ti.kernel
+    def _splat(self, odd: ti.i32):
+        """Sums of weights and of weighted colors at the nodes near particles that see another color.
+
+        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
+        sums do not depend on the number of threads. One kernel for both: it is long to compile.
+        """
+        for half in range((self.slabs + 1 - odd) // 2):
+            self._splat_slab(2 * half + odd)
 
     @ti.func
     def _splat_slab(self, slab):
