@@ -7,7 +7,6 @@ from pipeline.base.energies import kinetic_energy, potential_energy
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.blocks import contains
-from pipeline.equilibrium.of_scene import oil_at_rest, rest_of
 from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.model import AT_REST, Block, Scene
 
@@ -33,6 +32,8 @@ def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.n
     if scene.initial.fill is None:
         return np.full(len(position), names.index(scene.initial.liquid or names[0]))
     if scene.initial.shape == AT_REST:
+        from pipeline.equilibrium.of_scene import oil_at_rest, rest_of  # imports VTK
+
         try:
             rest = rest_of(scene, down, scene.initial.fill[names[1]])
         except UserError as error:

@@ -111,9 +111,7 @@ class LevelSet:
     def update(self) -> None:
         """Rebuild phi, its normals and curvature from the present positions and colors."""
         self._mark()
-        self._clear()
-        self._splat(0)
-        self._splat(1)
+        self._sum_at_nodes()
         self._find_band()
         for _ in range(REDISTANCING_PASSES // 2):
             self._redistance(self.phi, self.phi_next)
@@ -124,6 +122,16 @@ class LevelSet:
         self._extend_to_deep_ghosts()
         self._measure()
         self.started[None] = 1
+
+    def _sum_at_nodes(self) -> None:
+        """Sums of weights and of weighted colors at the nodes near particles that see another color.
+
+        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
+        sums do not depend on the number of threads.
+        """
+        self._clear()
+        for odd in range(2):
+            self._splat(odd)
 
     @ti.kernel
     def _mark(self):
@@ -246,11 +254,7 @@ class LevelSet:
 
     @ti.kernel
     def _splat(self, odd: ti.i32):
-        """Sums of weights and of weighted colors at the nodes near particles that see another color.
-
-        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
-        sums do not depend on the number of threads. One kernel for both: it is long to compile.
-        """
+        """Add every other slab; one kernel for both halves, since it is long to compile."""
         for half in range((self.slabs + 1 - odd) // 2):
             self._splat_slab(2 * half + odd)
 

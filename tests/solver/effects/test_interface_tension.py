@@ -189,7 +189,7 @@ def test_sums_at_the_nodes_are_those_of_all_particles_in_reach(level_set):
     """Whatever slab of nodes they lie in: the weights of a lattice of nodes against a sum over all particles."""
     level_set, solver = level_set
     level_set._mark()
-    level_set._splat()
+    level_set._sum_at_nodes()
     grid = solver.distance
     node = np.stack(np.unravel_index(np.arange(grid.size), grid.shape), axis=-1)
     place = grid.origin_numpy + node * grid.cell

@@ -153,21 +153,21 @@ def test_restart_is_bit_identical():
 RUN = [name for name in REGISTRY if name not in VolumeIncompressibleClamped.refuses]
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_every_effect_runs(dimension):
-    assert_runs(full_box(SCHEME, dimension, RUN, light=LIGHT), 0.12)  # 0.06
+def test_every_effect_runs_in_three_dimensions():
+    assert_runs(full_box(SCHEME, 3, RUN, light=LIGHT), 0.12)  # 0.06
 
 
-def test_number_of_threads_changes_no_bit_of_any_effect():
-    states = []
-    for threads in (2, 1):
-        restart(threads=threads)
-        solver = full_box(SCHEME, 2, RUN, light=LIGHT)
-        for _ in range(4):
-            solver.step()
-        states.append(solver.state())
-    for name, values in states[0].items():
-        np.testing.assert_array_equal(values, states[1][name], err_msg=name)
+def test_every_effect_runs_and_the_number_of_threads_changes_no_bit():
+    restart(threads=2)
+    solver = full_box(SCHEME, 2, RUN, light=LIGHT)
+    for _ in range(4):
+        solver.step()
+    expected = solver.state()
+    restart(threads=1)
+    solver = full_box(SCHEME, 2, RUN, light=LIGHT)
+    assert_runs(solver, 0.12)  # takes four steps as well; 0.06
+    for name, values in solver.state().items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
 @pytest.mark.parametrize("name", RUN)
