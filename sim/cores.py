@@ -33,6 +33,7 @@ def keep_to_one_core(folder: Path | None = None) -> int | None:
 
     A loop of Taichi is handed from the thread that calls it to a worker. Where both are on one core that takes 20
     microseconds; where the worker sleeps on another core, 50 to 100: as much as many a loop over 5,000 particles.
+    The core on which the process runs is tried first, since what else runs on a computer is mostly on others.
 
     Parameters
     ----------
@@ -44,19 +45,36 @@ def keep_to_one_core(folder: Path | None = None) -> int | None:
     """
     if fcntl is None or not hasattr(os, "sched_setaffinity"):
         return None
-    folder = folder or Path(tempfile.gettempdir())
-    for core in sorted(os.sched_getaffinity(0)):
-        with contextlib.suppress(OSError):
-            lock = os.open(folder / f"eye_oil_core_{core}_{os.getuid()}", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with contextlib.suppress(OSError):
+        present = _present_core()
+        folder = folder or Path(tempfile.gettempdir())
+        for core in sorted(os.sched_getaffinity(0), key=lambda core: (core != present, core)):
+            lock = _lock(folder / f"eye_oil_core_{core}")
+            if lock is not None:
+                _held.append(lock)
                 os.sched_setaffinity(0, {core})
-            except OSError:
-                os.close(lock)
-                raise
-            _held.append(lock)
-            return core
+                return core
     return None
+
+
+def _present_core() -> int:
+    """The core on which this process runs."""
+    return int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[36])
+
+
+def _lock(path: Path) -> int | None:
+    """Take a lock that all users share; None where another process holds it, or its user does not share it."""
+    lock = None
+    try:
+        if not path.exists():
+            os.close(os.open(path, os.O_CREAT | os.O_RDONLY | os.O_NOFOLLOW, 0o644))
+        lock = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock
+    except OSError:
+        if lock is not None:
+            os.close(lock)
+        return None
 
 
 def granted_cores(root: Path = Path("/")) -> float:
