@@ -52,8 +52,11 @@ wildcard_constraints:
 
 
 def cores():
-    """Return the cores that a job may have: --max-threads, which the profiles of clusters give, else all that are here."""
-    return workflow.resource_settings.max_threads or workflow.cores
+    """Return the cores that a job may have: --max-threads, which the profiles of clusters give, else all that are here.
+
+    Where nothing is run, as for --report, nobody says how many.
+    """
+    return workflow.resource_settings.max_threads or workflow.resource_settings.cores or 1
 
 
 def all_segments(pattern):
