@@ -18,6 +18,7 @@ from taichi.lang.impl import current_cfg
 from sim import host_memory
 from sim.cores import available_cores, keep_to_one_core, useful_threads
 from sim.devices import AUTO, best_device
+from sim.unrolling import leave_loops_rolled
 
 _started: dict[str, Any] = {}
 _packed_field = ti.field
@@ -74,6 +75,8 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
         return
     if keep_to_core and wanted["threads"] == 1 and wanted["device"] == "cpu":
         keep_to_one_core()
+    if wanted["device"] == "cpu":
+        leave_loops_rolled()
     before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(

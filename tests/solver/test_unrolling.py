@@ -1,0 +1,68 @@
+"""Loops that are not unrolled: less to compile, the same sums, and nothing asked of other libraries."""
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.unrolling import addresses
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import sys
+import taichi as ti
+from sim import unrolling
+if sys.argv[1] == "rolled":
+    assert unrolling.leave_loops_rolled()
+    assert unrolling.leave_loops_rolled()  # a second call asks nothing of LLVM
+ti.init(ti.cpu, default_fp=ti.f64, cpu_max_num_threads=1, offline_cache=True, log_level=ti.ERROR)
+rows, values, sums = ti.field(ti.i32, 100), ti.field(ti.f64, 4000), ti.field(ti.f64, 100)
+@ti.kernel
+def add():
+    for k in values:
+        values[k] = 1.0 / (k + 1.0)
+    for i in rows:
+        rows[i] = i % 37
+        total = 0.0
+        for s in range(rows[i]):
+            total += ti.sin(values[40 * i + s]) * values[s]
+        sums[i] = total
+add()
+print(sums.to_numpy().tobytes().hex())
+"""
+
+
+def compiled(folder: Path, how: str) -> tuple[np.ndarray, int]:
+    """Sums of rows in a process of its own, and the bytes of its compiled kernels."""
+    folder.mkdir()
+    program = folder / "program.py"
+    program.write_text(PROGRAM)  # Taichi reads the source of a kernel from its file
+    done = subprocess.run(
+        [sys.executable, str(program), how], cwd=ROOT, check=True, capture_output=True, text=True,
+        env=os.environ | {"TI_OFFLINE_CACHE_FILE_PATH": str(folder / "cache"), "PYTHONPATH": str(ROOT)})
+    size = sum(file.stat().st_size for file in folder.rglob("*.tic"))
+    return np.frombuffer(bytes.fromhex(done.stdout.splitlines()[-1])), size
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
+def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_path):
+    rolled, small = compiled(tmp_path / "rolled", "rolled")
+    unrolled, large = compiled(tmp_path / "unrolled", "unrolled")
+    np.testing.assert_allclose(rolled, unrolled, rtol=1e-13)  # of up to 36 numbers, in any order
+    assert np.count_nonzero(rolled) > 90
+    assert small < 0.6 * large  # 0.4 was measured
+
+
+@pytest.mark.parametrize("content", [b"MZ no library of Linux", b"\x7fELF\x02\x01" + bytes(100)])
+def test_a_library_that_does_not_tell_its_functions_is_left_alone(tmp_path, content):
+    library = tmp_path / "library.so"
+    library.write_bytes(content)
+    assert addresses(library, b"LLVMParseCommandLineOptions") is None
+
+
+def test_a_function_that_is_not_there_has_no_address():
+    from taichi._lib.core import taichi_python
+
+    assert addresses(Path(taichi_python.__file__), b"LLVMNoSuchFunction") is None
