@@ -226,7 +226,7 @@ def main() -> None:
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
-    from sim.profiling import counted_launches
+    from sim.launching import counted_launches
     from sim.runtime import initialize
 
     initialize(scene.numerics.precision, threads, device, keep_to_core=True)

@@ -1,10 +1,12 @@
 """The accelerations that effects give a particle, of all of them in one loop over its neighbors."""
 import taichi as ti
 
+from sim.launching import data_oriented
+
 HOOKS = ("body_acceleration", "pair_acceleration", "wall_acceleration")
 
 
-@ti.data_oriented
+@data_oriented
 class Accelerations:
     """Sum of the accelerations by some of the effects of a solver."""
 

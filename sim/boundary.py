@@ -5,13 +5,14 @@ Equations: docs/methods/walls.md.
 import numpy as np
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real, real_numpy
 
 WALL_CLEARANCE = 0.1  # smallest distance of a particle to the wall's surface, in particle spacings
 
 
-@ti.data_oriented
+@data_oriented
 class Walls:
     """Wall particles.
 
@@ -36,7 +37,7 @@ class Walls:
             self.depth.from_numpy(depth.astype(real_numpy()))
 
 
-@ti.data_oriented
+@data_oriented
 class WallStop:
     """Last resort at the wall: a particle that the pressure has not stopped is set back and its approach is taken.
 

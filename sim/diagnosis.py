@@ -8,6 +8,7 @@ import numpy as np
 import taichi as ti
 
 from sim.accelerations import HOOKS, Accelerations
+from sim.launching import data_oriented
 
 
 def described(solver, row: int) -> str:
@@ -81,7 +82,7 @@ class Watcher:
         return ""
 
 
-@ti.data_oriented
+@data_oriented
 class EffectAlone:
     """The acceleration of one effect."""
 

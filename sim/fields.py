@@ -6,6 +6,7 @@ import numpy as np
 import taichi as ti
 
 from sim.errors import OutOfRoom
+from sim.launching import data_oriented
 from sim.runtime import real, real_numpy
 
 COPIED_AT_ONCE = 1024  # rows
@@ -55,7 +56,7 @@ class FieldView:
         raise AttributeError(f"'{self.__dict__['_owner']}' uses the particle field '{name}' without declaring it")
 
 
-@ti.data_oriented
+@data_oriented
 class ParticleStore:
     """Arrays of the liquid particles, of fixed capacity; `count` of them are in use.
 

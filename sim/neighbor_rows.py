@@ -16,6 +16,7 @@ import numpy as np
 import taichi as ti
 
 from sim.errors import OutOfRoom
+from sim.launching import data_oriented
 from sim.reductions import blocks, first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
 
@@ -41,7 +42,7 @@ def entries_at_rest(rows: int, wall_depth: np.ndarray, support_ratio: float, par
     return rows * ball, float(cap.sum())
 
 
-@ti.data_oriented
+@data_oriented
 class NeighborRows:
     """The neighbors of `rows` particles.
 

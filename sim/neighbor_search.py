@@ -11,6 +11,7 @@ import taichi as ti
 
 from sim.boundary import Walls
 from sim.fields import ParticleStore
+from sim.launching import data_oriented
 from sim.neighbor_rows import COUNTING_SLACK, HEAD_ROOM, NeighborRows, entries_at_rest
 from sim.reductions import blocks, first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
@@ -28,7 +29,7 @@ def corners(wall_position: np.ndarray, periods) -> tuple[np.ndarray, np.ndarray]
     return points.min(axis=0), points.max(axis=0)
 
 
-@ti.data_oriented
+@data_oriented
 class NeighborSearch:
     """Neighbors within the support radius.
 

@@ -3,6 +3,7 @@ import numpy as np
 import taichi as ti
 
 from sim.fields import Field, ParticleStore
+from sim.launching import data_oriented
 from sim.neighbor_search import NeighborSearch, corners
 from sim.runtime import real
 from sim.smoothing_kernels import WendlandC2
@@ -11,7 +12,7 @@ RELAXATION = 0.15  # x -= 0.15 dx h S_i per iteration
 STEP_LIMIT = 0.1  # largest move per iteration, in particle spacings
 
 
-@ti.data_oriented
+@data_oriented
 class _Packing:
     def __init__(self, particles, search, spacing, support):
         self.particles, self.search, self.spacing, self.support = particles, search, spacing, support

@@ -9,11 +9,12 @@ curved walls). Equations: docs/methods/pressure.md.
 import taichi as ti
 
 from sim.fields import ParticleStore
+from sim.launching import data_oriented
 from sim.neighbor_search import NeighborSearch
 from sim.runtime import real
 
 
-@ti.data_oriented
+@data_oriented
 class PressureOperators:
     """A, its diagonal and its factors; one instance serves velocity and position corrections.
 

@@ -6,6 +6,7 @@ accelerated. Equations: docs/methods/pressure.md.
 """
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.pressure_operators import PressureOperators
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
@@ -17,7 +18,7 @@ LARGEST_VIOLATION = 30.0  # of a single particle, over the mean: a few left alon
 DIVERGED = 100.0  # growth of the mean violation in a solve, from which the relaxation is taken to be too large
 
 
-@ti.data_oriented
+@data_oriented
 class ConjugateResiduals:
     """Conjugate residuals from p = 0, with the diagonal as preconditioner; the mean of p stays 0.
 
@@ -142,7 +143,7 @@ class ConjugateResiduals:
         return iterations, self.residual_mean[None] * step, self.residual_maximum[None] * step
 
 
-@ti.data_oriented
+@data_oriented
 class Jacobi:
     """Relaxed Jacobi iterations with p >= 0, plain or accelerated: Nesterov's momentum with adaptive restart
     [odonoghue2015], the accelerated projected gradient of [mazhar2015] with the diagonal as metric.

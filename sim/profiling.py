@@ -5,11 +5,9 @@ effect. Whose a field is follows from who declares it or holds it; whose a kerne
 compiled for, or where it sorts a field, from the field. All is read off afterwards: while the solver runs nothing is
 counted but launches, one addition each, and only if asked for.
 """
-import contextlib
 import dataclasses
 import math
 import weakref
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
@@ -17,7 +15,6 @@ import numpy as np
 import taichi as ti
 from taichi._snode.fields_builder import FieldsBuilder
 from taichi.lang.impl import get_runtime
-from taichi.lang.kernel_impl import Kernel
 from taichi.lang.util import to_numpy_type
 
 from sim.accelerations import HOOKS
@@ -47,22 +44,6 @@ class Cost:
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     hooks: tuple[str, ...] = ()
-
-
-@contextlib.contextmanager
-def counted_launches() -> Iterator[Counter]:
-    """Count how often every compiled kernel is launched, by its handle, while the context is open."""
-    launch, launches = Kernel.launch_kernel, Counter()
-
-    def counted(kernel, compiled, *arguments):
-        launches[compiled] += 1
-        return launch(kernel, compiled, *arguments)
-
-    Kernel.launch_kernel = counted
-    try:
-        yield launches
-    finally:
-        Kernel.launch_kernel = launch
 
 
 def size_of(field) -> int:
@@ -151,7 +132,7 @@ def costs(solver, launches: Mapping = MappingProxyType({}), before: Mapping = Ma
 
     Parameters
     ----------
-    launches : what :func:`counted_launches` has counted.
+    launches : what `sim.launching.counted_launches` has counted.
     before : what :func:`times` gave earlier, to leave out the first steps, in which kernels are compiled.
     """
     owners = Owners(solver)

@@ -2,10 +2,11 @@
 import numpy as np
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.runtime import real, real_numpy
 
 
-@ti.data_oriented
+@data_oriented
 class SignedDistance:
     """Signed distance to the surface of the cavity, linear between nodes.
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import taichi as ti
 
+from sim.launching import data_oriented
 
-@ti.data_oriented
+
+@data_oriented
 class WendlandC2:
     """W = s (1-q)^4 (4q+1), dW/dr = -(20 s/h) q (1-q)^3; s = 7/(pi h^2) in 2D and 21/(2 pi h^3) in 3D."""
 
@@ -36,7 +38,7 @@ class WendlandC2:
         return self.gradient_scale * s * s * s  # (K1)
 
 
-@ti.data_oriented
+@data_oriented
 class CubicSpline:
     """W = s (6(q^3-q^2)+1) up to q = 1/2, then 2s(1-q)^3; s = 40/(7 pi h^2) in 2D and 8/(pi h^3) in 3D."""
 

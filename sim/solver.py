@@ -15,6 +15,7 @@ from sim.diagnosis import Watcher, bad_number, described
 from sim.effect_selection import without_idle
 from sim.errors import OutOfRoom, RunError
 from sim.fields import Field, ParticleStore
+from sim.launching import data_oriented
 from sim.neighbor_rows import HEAD_ROOM
 from sim.neighbor_search import NeighborSearch, corners
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
@@ -48,7 +49,7 @@ class Divergence(RunError):
     """The run went bad; the message names step, particle and quantity."""
 
 
-@ti.data_oriented
+@data_oriented
 class Solver:
     """Multiphase SPH in a closed cavity.
 

@@ -9,6 +9,8 @@ import dataclasses
 import numpy as np
 import taichi as ti
 
+from sim.launching import data_oriented
+
 SHELL = 0.9e-3              # m, thickness of the wall
 CHOROID = 0.3e-3            # m of it that has the color of its inner side
 GAP = 0.12e-3               # m; oil nearer than that to the wall lies on it
@@ -82,7 +84,7 @@ class Camera:
     angle: float
 
 
-@ti.data_oriented
+@data_oriented
 class PathTracer:
     """Follows light through one model; Taichi must run (``sim.runtime.initialize``)."""
 

@@ -15,6 +15,7 @@ import taichi as ti
 from sim.advice import if_zero, without_unit
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
+from sim.launching import data_oriented
 from sim.parameters import parameter
 
 
@@ -26,7 +27,7 @@ class AdhesionParameters:
     liquid: str | None = parameter(None, liquid=True, meaning="the liquid that the wall attracts; all without it")
 
 
-@ti.data_oriented
+@data_oriented
 class Adhesion(Effect):
     """Attraction of particles to the wall."""
 

@@ -29,6 +29,7 @@ import taichi as ti
 from sim.advice import if_zero, without_unit
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -66,7 +67,7 @@ def _check_strength(parameters):
         yield ("effects", "cohesion"), f"gives {given}, but needs one of the two"
 
 
-@ti.data_oriented
+@data_oriented
 class Cohesion(Effect):
     """Attraction between particles of the same liquid."""
 

@@ -26,6 +26,7 @@ from sim.boundary import WALL_CLEARANCE
 from sim.effects.effect import MIXES, Effect
 from sim.effects.parts.convex_hull import ConvexHull
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 
 BEYOND = 1.001  # of the way to the surface of the hull, so that the particle ends outside
@@ -50,7 +51,7 @@ class CollisionParameters:
     strength: float = parameter(1.0, minimum=0.0, maximum=1.0, meaning="share of impulse and move that is applied")
 
 
-@ti.data_oriented
+@data_oriented
 class Collision(Effect):
     """Impulses and moves at the end of the step, before the pressure of the next one."""
 

@@ -43,6 +43,7 @@ import taichi as ti
 from sim.advice import SEEN_EFFECT, WARNING, Advice, shown
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, total_of
 from sim.runtime import real
@@ -131,7 +132,7 @@ def _check_droplets(parameters, liquids):
         yield (*key, "saccade_axis"), "is 0, 0, 0, but must have a direction"
 
 
-@ti.data_oriented
+@data_oriented
 class ContactLineEmulsification(Mixing):
     """Exchange of oil for droplets between the particles at the contact line."""
 

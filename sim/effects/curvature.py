@@ -15,6 +15,7 @@ from sim.advice import if_zero, without_unit
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 
 
@@ -25,7 +26,7 @@ class CurvatureParameters:
     gamma: float = parameter(unit="m/s**2", minimum=0.0, maximum=1e6, meaning="curvature coefficient")
 
 
-@ti.data_oriented
+@data_oriented
 class Curvature(Effect):
     """Attraction along differences of the color field's normals."""
 

@@ -12,6 +12,7 @@ import taichi as ti
 
 from sim.advice import SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
 from sim.effects.parts.mixture import Mixing
+from sim.launching import data_oriented
 from sim.parameters import parameter
 
 MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves
@@ -24,7 +25,7 @@ class DiffusionParameters:
     coefficient: float = parameter(unit="m**2/s", minimum=0.0, maximum=1e-2, meaning="diffusion coefficient D_m")
 
 
-@ti.data_oriented
+@data_oriented
 class Diffusion(Mixing):
     """Volume fractions that diffuse between liquid particles; none crosses the wall."""
 

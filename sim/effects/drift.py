@@ -25,6 +25,7 @@ import taichi as ti
 from sim.advice import SEEN_EFFECT, WARNING, Advice, if_alone, if_zero, is_seen, shown, times
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.liquid import Liquid
 from sim.parameters import parameter
 from sim.runtime import real
@@ -72,7 +73,7 @@ def _check_drag(parameters, liquids):
                f"is {parameters.continuous}, the liquid of the droplets, but must be another one")
 
 
-@ti.data_oriented
+@data_oriented
 class Drift(Mixing):
     """Liquids that move through each other by the weight of their droplets."""
 

@@ -18,6 +18,7 @@ import taichi as ti
 
 from sim.advice import Advice, Limit, Quantity
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.measures import Measure
 
 # What an effect can do that others, or a stage, must know of.
@@ -30,7 +31,7 @@ WEIGHS = "gives liquids a weight"
 GROWTH = "volumes that grow and shrink"  # what an effect can need of a scheme (`Effect.needs`)
 
 
-@ti.data_oriented
+@data_oriented
 class Effect:
     """Base of all effects.
 

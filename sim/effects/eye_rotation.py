@@ -23,6 +23,7 @@ import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, shown, times
 from sim.effects.effect import Effect
+from sim.launching import data_oriented
 from sim.measures import Measure
 from sim.parameters import parameter
 from sim.runtime import real
@@ -232,7 +233,7 @@ def _eye_rate(parameters: EyeRotationParameters, time: float) -> float:
     return np.degrees(np.linalg.norm(parameters.angular_velocity(time)))
 
 
-@ti.data_oriented
+@data_oriented
 class EyeRotation(Effect):
     """Inertial forces in the frame of an eye that turns."""
 

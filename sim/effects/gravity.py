@@ -17,6 +17,7 @@ import taichi as ti
 from sim.advice import EARTH_GRAVITY, NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, long_time, shown, times
 from sim.effects.effect import WEIGHS, Effect
 from sim.effects.parts.postures import POSTURES, Course, Move, direction_of, posture_in_words, words_of
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -182,7 +183,7 @@ def _falling_speed(directions, scales, gravity: float) -> float:
     return math.sqrt(2.0 * gravity * max(heights))
 
 
-@ti.data_oriented
+@data_oriented
 class Gravity(Effect):
     """Weight of each particle, less that of the reference density."""
 

@@ -21,6 +21,7 @@ from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, shown
 from sim.effects.effect import GROWTH, MIXES, REMEMBERS, Effect
 from sim.errors import RunError
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
@@ -112,7 +113,7 @@ def _check_room(parameters, fill, begins):
                f"the cavity at the start), but must be at most {100 * most:g} %")
 
 
-@ti.data_oriented
+@data_oriented
 class Injection(Effect):
     """Growing and shrinking particles at the cannula and the drain.
 

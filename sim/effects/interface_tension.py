@@ -28,6 +28,7 @@ from sim.effects.effect import MIXES, PULLS, Effect
 from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real
@@ -76,7 +77,7 @@ def _check_cavity(parameters, closed):
                "container, or use cohesion and curvature")
 
 
-@ti.data_oriented
+@data_oriented
 class InterfaceTension(Effect):
     """Tension and wetting of the interface between two liquids."""
 

@@ -22,6 +22,7 @@ import taichi as ti
 from sim.advice import SEEN_EFFECT, WARNING, Advice
 from sim.effects.effect import REMEMBERS, Effect
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -59,7 +60,7 @@ def _check_liquids(parameters):
         yield ("effects", "viscoelastic", "liquids"), "is empty, but must name one liquid at least"
 
 
-@ti.data_oriented
+@data_oriented
 class Viscoelastic(Effect):
     """Stress of a Maxwell liquid, advanced at the start of the step."""
 

@@ -30,6 +30,7 @@ from sim.effects.parts.viscous_advice import (
 )
 from sim.effects.parts.viscous_weights import harmonic_mean
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 
 
@@ -43,7 +44,7 @@ class ViscosityParameters:
                                   "which is more exact on even particle sets")
 
 
-@ti.data_oriented
+@data_oriented
 class Viscosity(Effect):
     """Viscous pair forces at the start of the step."""
 

@@ -35,6 +35,7 @@ from sim.effects.parts.viscous_advice import (
 from sim.effects.parts.viscous_forms import FORMS
 from sim.effects.viscosity import Viscosity, ViscosityParameters
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real
@@ -55,7 +56,7 @@ class ViscosityImplicitParameters:
                       "below the other limits of the time step, so that it costs no further step; not for form strain")
 
 
-@ti.data_oriented
+@data_oriented
 class ViscosityImplicit(Effect):
     """Backward Euler step of the viscous forces."""
 

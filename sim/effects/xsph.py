@@ -24,6 +24,7 @@ from sim.effects.effect import SHEARS, Effect
 from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
 from sim.effects.parts.viscous_advice import acting
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.smoothing_kernels import KERNELS
 
@@ -51,7 +52,7 @@ def _moment(numerics, dimension: int) -> float:
     return KERNELS[numerics.kernel].MOMENT[dimension] * (numerics.support_ratio * numerics.particle_spacing) ** 2
 
 
-@ti.data_oriented
+@data_oriented
 class Xsph(Effect):
     """Velocities drawn to those of the neighbors."""
 

@@ -18,6 +18,7 @@ import taichi as ti
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real
@@ -48,7 +49,7 @@ class DFSPHParameters:
                                         meaning="spectral radius assumed by Chebyshev acceleration; 0 is without")
 
 
-@ti.data_oriented
+@data_oriented
 class DFSPH(Scheme):
     """Scheme `dfsph`."""
 

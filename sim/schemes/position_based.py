@@ -29,6 +29,7 @@ import taichi as ti
 from sim.boundary import WALL_CLEARANCE
 from sim.effects.effect import GROWTH
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
 from sim.runtime import real, real_numpy
@@ -67,7 +68,7 @@ class PositionBasedParameters:
                                   meaning="that of the lattice, or the paper's 1.25 particles per dx^d")
 
 
-@ti.data_oriented
+@data_oriented
 class PositionBased(Scheme):
     """Scheme `position_based`."""
 

@@ -16,6 +16,7 @@ import taichi as ti
 
 from sim.effects import REGISTRY
 from sim.fields import Field
+from sim.launching import data_oriented
 
 if TYPE_CHECKING:  # the settings ask for the names of the schemes
     from sim.advice import Limit
@@ -35,7 +36,7 @@ class NoParameters:
     """A scheme without parameters of its own."""
 
 
-@ti.data_oriented
+@data_oriented
 class Scheme(abc.ABC):
     """Base of all schemes.
 

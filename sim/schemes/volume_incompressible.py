@@ -9,6 +9,7 @@ import taichi as ti
 
 from sim.boundary import WallStop
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import ConjugateResiduals
 from sim.reductions import blocks, first, last, least_of, partial_results, total_of
@@ -36,7 +37,7 @@ SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
 SEPARATION_RATE = 0.3  # share of the missing distance gained per step
 
 
-@ti.data_oriented
+@data_oriented
 class VolumeIncompressible(Scheme):
     """Scheme `volume_incompressible`."""
 

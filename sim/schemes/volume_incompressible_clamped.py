@@ -18,6 +18,7 @@ import taichi as ti
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import Jacobi
@@ -42,7 +43,7 @@ class VolumeIncompressibleParameters:
                                      meaning="iteration of both solves")
 
 
-@ti.data_oriented
+@data_oriented
 class VolumeIncompressibleClamped(Scheme):
     """Scheme `volume_incompressible` where a surface is free or the densities differ by more than a factor of two."""
 

@@ -18,6 +18,7 @@ from sim.advice import ESTIMATE, Limit
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.runtime import real
 from sim.schemes.scheme import Scheme
@@ -46,7 +47,7 @@ class WCSPHParameters:
                                                meaning="time step over smoothing length / (c + |u|)")
 
 
-@ti.data_oriented
+@data_oriented
 class WCSPH(Scheme):
     """Scheme `wcsph`."""
 

@@ -14,6 +14,7 @@ from pipeline.effect_costs import COLUMNS, absent, add_up, page_of
 from pipeline.scenes.load import load_scene
 from sim import profiling as costs
 from sim.effects import REGISTRY
+from sim.launching import counted_launches
 from sim.runtime import restart
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -55,7 +56,7 @@ def run(cavity, names) -> Run:
         called.add(function.func.__module__)
         return call(function, *arguments, **options)
 
-    with pytest.MonkeyPatch.context() as patch, costs.counted_launches() as launches:
+    with pytest.MonkeyPatch.context() as patch, counted_launches() as launches:
         patch.setattr(Func, "__call__", recorded)
         solver = cavities.build(cavity, effects=tuple(cavities.parameters(name, **ACTIVE[name]) for name in names),
                                 liquids=(THIN, THICK, DROPLETS), velocity=lambda x: 5.0 * x[:, ::-1] * [1.0, 1.0])

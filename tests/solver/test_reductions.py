@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.reductions import (
     MOST_BLOCKS,
     SMALLEST_BLOCK,
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 MOST = 3 * MOST_BLOCKS * SMALLEST_BLOCK
 
 
-@ti.data_oriented
+@data_oriented
 class Reduced:
     """All reductions of one array."""
 

@@ -16,6 +16,7 @@ from pipeline.studies import hard_eye
 from pipeline.study_kit import hard_cases as hard
 from sim import effects
 from sim.effects.effect import Effect
+from sim.launching import data_oriented
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -28,7 +29,7 @@ class FaultParameters:
     hook: str = "acceleration"
 
 
-@ti.data_oriented
+@data_oriented
 class Fault(Effect):
     """Bad numbers for one particle in one step."""
 

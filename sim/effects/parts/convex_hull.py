@@ -9,6 +9,7 @@ one plane (or on one line) hold nothing, however many they are.
 """
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.runtime import real
 
 TOLERANCE = {"f32": 1e-5, "f64": 1e-10}  # of the scale: round-off of the differences of positions
@@ -16,7 +17,7 @@ MOST_STEPS = 64  # pushes of a portal; of 12 000 random and adversarial sets of 
 OUTSIDE, INSIDE, OPEN = 0, 1, 2
 
 
-@ti.data_oriented
+@data_oriented
 class ConvexHull:
     """Hulls of the neighbors of one group.
 

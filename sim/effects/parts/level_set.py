@@ -7,6 +7,7 @@ Equations: docs/methods/interface_tension.md.
 import numpy as np
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
 from sim.signed_distance import SignedDistance
@@ -21,7 +22,7 @@ SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts th
 FAR = 4.0  # |phi| outside the band, in particle spacings
 
 
-@ti.data_oriented
+@data_oriented
 class LevelSet:
     """Level set of the interface.
 

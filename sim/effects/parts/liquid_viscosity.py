@@ -9,6 +9,7 @@ Equations: docs/methods/viscosity.md.
 import taichi as ti
 
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.runtime import real
 
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
@@ -31,7 +32,7 @@ def explicit_limit(settings) -> float:
     return min(limits, default=float("inf"))
 
 
-@ti.data_oriented
+@data_oriented
 class LiquidViscosity:
     """Dynamic viscosities of the particles of a solver; an effect that measures them declares `fields`."""
 

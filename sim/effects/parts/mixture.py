@@ -22,6 +22,7 @@ import taichi as ti
 from sim.effects.effect import MIXES, Effect
 from sim.errors import RunError
 from sim.fields import Field
+from sim.launching import data_oriented
 from sim.reductions import blocks, first, largest_of, last, partial_results
 from sim.runtime import real
 from sim.smoothing_kernels import lattice_moment
@@ -30,7 +31,7 @@ LARGEST_SHARE = 0.5  # of a liquid that leaves a particle in one sub-step; 1 is 
 MOST_SUB_STEPS = 100_000
 
 
-@ti.data_oriented
+@data_oriented
 class Mixing(Effect):
     """Base of the effects that exchange liquids between particles: they give `pair_flux` and `pair_rate`."""
 

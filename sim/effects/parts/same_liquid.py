@@ -1,8 +1,10 @@
 """How alike the liquids of two particles are: what holds an interface together pulls on unlike pairs only."""
 import taichi as ti
 
+from sim.launching import data_oriented
 
-@ti.data_oriented
+
+@data_oriented
 class Likeness:
     """s_ij = sum over k of alpha_k,i alpha_k,j: 1 for the same pure liquid, 0 for two pure ones.
 

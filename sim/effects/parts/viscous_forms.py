@@ -14,13 +14,14 @@ import abc
 import taichi as ti
 
 from sim.effects.parts.viscous_weights import ViscousWeights, harmonic_mean
+from sim.launching import data_oriented
 from sim.runtime import real
 
 ALIKE = 0.5  # smallest ratio of viscosities of particles that turn together, in the strain form
 THIN = 1e-6  # determinant of a moment of inertia over its trace cubed, below which particles lie in a line
 
 
-@ti.data_oriented
+@data_oriented
 class ViscousForm(abc.ABC):
     """Base of the forms.
 
@@ -52,7 +53,7 @@ class ViscousForm(abc.ABC):
         return ti.static(None)
 
 
-@ti.data_oriented
+@data_oriented
 class CentralForm(ViscousForm):
     """Central pair forces."""
 
@@ -109,7 +110,7 @@ class CentralForm(ViscousForm):
         return total
 
 
-@ti.data_oriented
+@data_oriented
 class LaplacianForm(ViscousForm):
     """Pair forces along the difference of velocities."""
 
@@ -156,7 +157,7 @@ class LaplacianForm(ViscousForm):
         return total
 
 
-@ti.data_oriented
+@data_oriented
 class StrainForm(ViscousForm):
     """Pair forces along what two alike particles do beyond turning with their surroundings; unlike ones: central.
 

@@ -11,6 +11,7 @@ import math
 
 import taichi as ti
 
+from sim.launching import data_oriented
 from sim.runtime import real
 
 EVEN = {2: 2.0 * math.pi / 35.0, 3: math.pi**2 / 64.0}  # integral of w r^2/d over h^(d+2)
@@ -23,7 +24,7 @@ def harmonic_mean(mu_i, mu_j):
     return 2.0 * mu_i * mu_j / ti.max(mu_i + mu_j, 1e-20)  # (V3)
 
 
-@ti.data_oriented
+@data_oriented
 class ViscousWeights:
     """Coefficients c of pairs; particles : view with `volume` and `dynamic_viscosity`."""
 

@@ -15,6 +15,7 @@ from pipeline.cavity.container import block_lattices, container_arrays
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.scenes.load import load_scene
 from sim.effects.parts.convex_hull import INSIDE, OPEN, ConvexHull
+from sim.launching import data_oriented
 from sim.neighbor_rows import NeighborRows
 from sim.settings import Liquid
 
@@ -31,7 +32,7 @@ def separation(x, y):
     return x - y
 
 
-@ti.data_oriented
+@data_oriented
 class Probe:
     """Points, each with a set of neighbors of its own."""
 

@@ -9,6 +9,7 @@ from sim.effects import REGISTRY
 from sim.effects.cohesion import MEASURED, CohesionParameters
 from sim.effects.effect import Effect
 from sim.fields import Field, ParticleStore
+from sim.launching import data_oriented
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import BASE_FIELDS
@@ -150,7 +151,7 @@ def test_only_declared_fields_exist(bare, whole):
     assert stores[0].bytes() / stores[0].capacity < 0.5 * stores[1].bytes() / stores[1].capacity
 
 
-@ti.data_oriented
+@data_oriented
 class Careless(Effect):
     """An effect that reads a field which it has not declared."""
 

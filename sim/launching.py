@@ -1,0 +1,126 @@
+"""Kernels of objects, launched without what Taichi does anew at every launch.
+
+Taichi (1.7.4) looks for the kernel of the arguments, makes a context and asks for the compiled code whenever a kernel
+is launched, and every attribute of an object with kernels is looked up by a function in Python. That was a third of a
+step of 5,000 particles. Here an object remembers, for each of its kernels and the fields given to it, the compiled code
+and the context; a launch sets the numbers and starts.
+"""
+import contextlib
+import dataclasses
+import operator
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from taichi.lang import impl
+from taichi.lang.kernel_impl import Kernel
+from taichi.lang.kernel_impl import data_oriented as _data_oriented
+from taichi.lang.misc import arm64, x64
+from taichi.lang.util import cook_dtype
+from taichi.types import primitive_types, template
+from taichi.types.utils import is_signed
+
+_VALUES = (bool, int, float, str)  # templates that are compiled in; others are fields and objects
+
+
+@dataclasses.dataclass(slots=True)
+class _Compiled:
+    """A kernel for certain templates; they are kept alive, so that no other object takes their place in memory."""
+
+    runtime: Any  # the start of Taichi that it belongs to
+    handle: Any
+    code: Any
+    context: Any  # None where each launch needs one of its own
+    templates: tuple
+
+
+_counter: Counter | None = None
+
+
+@contextlib.contextmanager
+def counted_launches() -> Iterator[Counter]:
+    """Count how often every compiled kernel is launched, by its handle, while the context is open."""
+    global _counter
+    launch, before, launches = Kernel.launch_kernel, _counter, Counter()
+
+    def counted(kernel, handle, *arguments):
+        launches[handle] += 1
+        return launch(kernel, handle, *arguments)
+
+    Kernel.launch_kernel, _counter = counted, launches
+    try:
+        yield launches
+    finally:
+        Kernel.launch_kernel, _counter = launch, before
+
+
+def _setter(annotation) -> tuple[str, Callable] | None:
+    """Method of a context that sets a number, and what makes a number of an argument; None for other arguments."""
+    if id(annotation) in primitive_types.real_type_ids:
+        return "set_arg_float", float
+    if id(annotation) in primitive_types.integer_type_ids:
+        return "set_arg_int" if is_signed(cook_dtype(annotation)) else "set_arg_uint", operator.index
+    return None
+
+
+def _launcher(kernel: Kernel, owner) -> Callable[..., Any]:
+    """Return the function that launches a kernel of an object."""
+    annotations = [argument.annotation for argument in kernel.arguments[1:]]  # without the object
+    templates = [place for place, one in enumerate(annotations) if isinstance(one, template)]
+    numbers = [(place, _setter(one)) for place, one in enumerate(annotations) if place not in templates]
+    if kernel.return_type is not None or not all(setter for _, setter in numbers):
+        return lambda *arguments, **named: kernel(owner, *arguments, **named)
+    setters = [(place, (index,), *setter) for index, (place, setter) in enumerate(numbers) if setter]
+    known: dict[tuple, _Compiled] = {}
+
+    def launch(*arguments, **named):
+        given = tuple([arguments[place] for place in templates]) if len(arguments) == len(annotations) else ()
+        key = tuple([one if isinstance(one, _VALUES) else id(one) for one in given])
+        runtime = impl.pytaichi
+        found = known.get(key)
+        if found is None or found.runtime is not runtime or named or len(arguments) != len(annotations):
+            kernel(owner, *arguments, **named)
+            if not named and len(arguments) == len(annotations):
+                known[key] = _compiled(kernel, owner, arguments, given)
+            return
+        context = found.context or found.handle.make_launch_context()
+        for place, index, setter, kind in setters:
+            getattr(context, setter)(index, kind(arguments[place]))
+        if _counter is not None:
+            _counter[found.handle] += 1
+        runtime.prog.launch_kernel(found.code, context)
+
+    return launch
+
+
+def _compiled(kernel: Kernel, owner, arguments: tuple, templates: tuple) -> _Compiled:
+    """What a kernel became that was just launched."""
+    program = impl.pytaichi.prog
+    handle = kernel.compiled_kernels[kernel.ensure_compiled(owner, *arguments)]
+    code = program.compile_kernel(program.config(), program.get_device_caps(), handle)
+    on_cpu = impl.current_cfg().arch in (x64, arm64)  # on a GPU a launch leaves its own addresses in the context
+    return _Compiled(impl.pytaichi, handle, code, handle.make_launch_context() if on_cpu else None, templates)
+
+
+class _KernelOfObjects:
+    """A kernel as an attribute of a class: of an object it is a function that launches it, made once."""
+
+    def __init__(self, name: str, kernel: Kernel):
+        self.name, self.kernel = name, kernel
+        self.__doc__ = kernel.func.__doc__
+
+    def __get__(self, owner, kind=None):
+        if owner is None:
+            return self
+        launch = owner.__dict__[self.name] = _launcher(self.kernel, owner)
+        return launch
+
+
+def data_oriented(kind: type) -> type:
+    """Let a class have kernels, as ``ti.data_oriented`` does."""
+    kind = _data_oriented(kind)
+    del kind.__getattribute__
+    for name, value in list(vars(kind).items()):
+        if getattr(value, "_is_classkernel", False):
+            setattr(kind, name, _KernelOfObjects(name, value._primal))
+    return kind
