@@ -22,14 +22,19 @@ def packages() -> list[Package]:
     """Return all packages that can be imported here, by name, each once: the one that is found first."""
     found: dict[str, Package] = {}
     for one in distributions():
-        if name := one.metadata["Name"]:  # none is what a broken installation has left
+        if name := _told(one, "Name"):  # none is what a broken installation has left
             found.setdefault(name.lower().replace("_", "-"), Package(name, one.version, license_of(one)))
     return [found[name] for name in sorted(found)]
 
 
+def _told(one: Distribution, key: str) -> str | None:
+    """What a package tells of itself, None where it does not."""
+    return next(iter(one.metadata.get_all(key) or ()), None)
+
+
 def license_of(one: Distribution) -> str:
     """Return the license of a package: expression, else classifiers, field, or the head of its license file."""
-    expression, field = one.metadata["License-Expression"], one.metadata["License"] or ""
+    expression, field = _told(one, "License-Expression"), _told(one, "License") or ""
     classifiers = [line.rpartition(" :: ")[2] for line in one.metadata.get_all("Classifier") or ()
                    if line.startswith("License :: ") and not line.endswith("OSI Approved")]
     files = [path for path in one.files or () if path.name.upper().startswith(("LICENSE", "LICENCE"))]

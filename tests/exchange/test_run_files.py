@@ -125,8 +125,10 @@ def test_script_for_paraview_is_beside_the_run(indexed, tmp_path):
     pvpython = os.environ.get("PVPYTHON") or shutil.which("pvpython")
     if pvpython is None:
         pytest.skip("no pvpython on this machine")
-    # Debian's ParaView draws in a window, and crashes without a display.
-    display = [] if os.environ.get("DISPLAY") else [shutil.which("xvfb-run"), "-a"]
+    # Debian's ParaView draws in a window, and crashes without a display. It looks for one, leaves it and comes back: a
+    # display that starts anew when it is left would not answer then.
+    display = [] if os.environ.get("DISPLAY") else [
+        shutil.which("xvfb-run"), "-a", "-s", "-noreset -screen 0 1280x1024x24"]
     if None in display:
         pytest.skip("pvpython needs a display, and there is no xvfb-run on this machine")
     picture = tmp_path / "picture.png"
