@@ -21,6 +21,7 @@ from taichi.types import primitive_types, template
 from taichi.types.utils import is_signed
 
 _VALUES = (bool, int, float, str)  # templates that are compiled in; others are fields and objects
+_MADE = "_launchers"
 
 
 @dataclasses.dataclass(slots=True)
@@ -74,21 +75,22 @@ def _launcher(kernel: Kernel, owner) -> Callable[..., Any]:
     known: dict[tuple, _Compiled] = {}
 
     def launch(*arguments, **named):
-        given = tuple([arguments[place] for place in templates]) if len(arguments) == len(annotations) else ()
-        key = tuple([one if isinstance(one, _VALUES) else id(one) for one in given])
-        runtime = impl.pytaichi
-        found = known.get(key)
-        if found is None or found.runtime is not runtime or named or len(arguments) != len(annotations):
+        if named or len(arguments) != len(annotations):
             kernel(owner, *arguments, **named)
-            if not named and len(arguments) == len(annotations):
-                known[key] = _compiled(kernel, owner, arguments, given)
+            return
+        given = tuple([arguments[place] for place in templates])
+        key = tuple([one if isinstance(one, _VALUES) else id(one) for one in given])
+        found = known.get(key)
+        if found is None or found.runtime is not impl.pytaichi:
+            kernel(owner, *arguments)
+            known[key] = _compiled(kernel, owner, arguments, given)
             return
         context = found.context or found.handle.make_launch_context()
-        for place, index, setter, kind in setters:
-            getattr(context, setter)(index, kind(arguments[place]))
+        for place, index, setter, number_of in setters:
+            getattr(context, setter)(index, number_of(arguments[place]))
         if _counter is not None:
             _counter[found.handle] += 1
-        runtime.prog.launch_kernel(found.code, context)
+        found.runtime.prog.launch_kernel(found.code, context)
 
     return launch
 
@@ -105,15 +107,17 @@ def _compiled(kernel: Kernel, owner, arguments: tuple, templates: tuple) -> _Com
 class _KernelOfObjects:
     """A kernel as an attribute of a class: of an object it is a function that launches it, made once."""
 
-    def __init__(self, name: str, kernel: Kernel):
-        self.name, self.kernel = name, kernel
+    def __init__(self, kernel: Kernel):
+        self.kernel = kernel
         self.__doc__ = kernel.func.__doc__
 
     def __get__(self, owner, kind=None):
         if owner is None:
             return self
-        launch = owner.__dict__[self.name] = _launcher(self.kernel, owner)
-        return launch
+        made = owner.__dict__.setdefault(_MADE, {})  # by kernel, since a class may replace one of its base
+        if self not in made:
+            made[self] = _launcher(self.kernel, owner)
+        return made[self]
 
 
 def data_oriented(kind: type) -> type:
@@ -122,5 +126,5 @@ def data_oriented(kind: type) -> type:
     del kind.__getattribute__
     for name, value in list(vars(kind).items()):
         if getattr(value, "_is_classkernel", False):
-            setattr(kind, name, _KernelOfObjects(name, value._primal))
+            setattr(kind, name, _KernelOfObjects(value._primal))
     return kind

@@ -48,6 +48,20 @@ class MoreSums(Sums):
     """One that inherits its kernels."""
 
 
+@data_oriented
+class OtherSums(Sums):
+    """One that replaces a kernel by another, and can still use the one of its base."""
+
+    @ti.kernel
+    def add(self, values: ti.template(), factor: float, twice: ti.template(), number: ti.i32):
+        for i in values:
+            values[i] -= factor * number
+
+    def add_both(self, *arguments) -> None:
+        super().add(*arguments)
+        self.add(*arguments)
+
+
 @pytest.mark.parametrize("kind", [Sums, MoreSums])
 def test_every_launch_has_its_own_numbers_and_fields(kind):
     sums, other = kind(), kind()
@@ -61,6 +75,13 @@ def test_every_launch_has_its_own_numbers_and_fields(kind):
     assert sums.second.to_numpy().tolist() == [24.0] * 3
     assert other.first.to_numpy().tolist() == [60.0] * 3
     assert sums.largest() == 7.0
+
+
+def test_a_class_may_replace_a_kernel():
+    sums = OtherSums()
+    for _ in range(2):
+        sums.add_both(sums.first, 1.0, True, 1)
+    assert sums.first.to_numpy().tolist() == [2.0] * 3
 
 
 def test_arguments_may_be_named():
