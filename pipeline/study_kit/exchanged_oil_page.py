@@ -65,6 +65,11 @@ def left_words(runs: Sequence[tuple[str, dict[str, str], float]]) -> str:
     return words(slow[1]) + (f" ({words(faster[0][1])} with twice the flow)" if faster else "")
 
 
+def _filled(runs: Sequence[tuple[str, dict[str, str], float]]) -> float:
+    """Share of the cavity, percent, that the slowest filling has filled when its tip loses the aqueous."""
+    return 100.0 - float(min(runs, key=lambda run: run[2])[1][LEFT])
+
+
 def capillary_numbers(cannulas: Rows) -> tuple[float, float]:
     """Least and largest capillary number in the eye while oil goes through the cannulas: viscosity times flow."""
     found = [1e-3 * float(row["viscosity [mPa s]"]) * VOLUME / (60.0 * float(row["time [min]"])) / SECTION / TENSION
@@ -93,7 +98,8 @@ def headline(cannulas: Rows, exchanges: Rows) -> str:
     filling = ends(exchanges, "filling")
     if filling:
         words.append(f"In a filling a tip {filling[0][0].replace('_', ' ')} loses the aqueous while "
-                     f"{left_words(filling)} of the cavity are left to fill.")
+                     f"{left_words(filling)} of the cavity are left to fill: oil fills "
+                     f"{_filled(filling):.0f} % of it then.")
     return " ".join(words)
 
 

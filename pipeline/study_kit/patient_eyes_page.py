@@ -18,6 +18,7 @@ from pipeline.study_kit.surgeons_words import AQUEOUS, GROUPS, ROW, SHOWN, VOLUM
 
 PICTURES, TABLES = ("eye_maps",), ("shares",)
 OTHER_PARTS = ("retina", "inferior", "macula")      # of other postures
+MOVED = 10.0                                # percent of the aqueous that goes to the front, worth a sentence
 Key = tuple[str, str, float, str]           # eye, posture, fill in percent, part
 
 
@@ -131,7 +132,23 @@ def findings(eyes: Eyes) -> list[str]:
                      f"{eyes.at(name, first, AQUEOUS).value:.0f} % of the aqueous before the equator"
                      for name in eyes.of_group(group)]
             found.append(f"{GROUPS[group].capitalize()}. {'; '.join(told)}.")
-    return found
+    return found + [sentence for name in eyes.of_group("wall") if (sentence := _why_in_front(eyes, name))]
+
+
+def _why_in_front(eyes: Eyes, name: str) -> str:
+    """Return why an eye with a changed wall is touched in other places than the plain one; empty where it is not."""
+    plain = name.partition(",")[0]
+    if plain not in eyes.groups:
+        return ""
+    (front, before), (behind, behind_before), (ahead, ahead_before) = (
+        [eyes.at(eye, eyes.postures[0], part).value for eye in (name, plain)]
+        for part in (AQUEOUS, "behind_equator", "before_equator"))
+    if front < before + MOVED or behind <= behind_before or ahead >= ahead_before:
+        return ""
+    return (f"Why that helps in some places ({name}): tension keeps the oil in one round body, behind the ridge, and "
+            f"{front:.0f} % of the aqueous is before the equator, {before:.0f} % in the plain eye. More of the retina "
+            f"behind the equator is touched then ({behind:.0f} in place of {behind_before:.0f} %), and less of it "
+            f"before the equator ({ahead:.0f} in place of {ahead_before:.0f} %).")
 
 
 def _way(values: Sequence[float]) -> str:
