@@ -73,7 +73,7 @@ class ParticleStore:
         self.liquids = liquids
         self.declared: dict[str, Field] = {}
         self.arrays: dict[str, Any] = {}
-        self.buffer_of: dict[str, Any] = {}  # by kind
+        self.buffer_of: dict[str, Any] = {}  # by name, of carried fields: where they are sorted
         self.count = ti.field(ti.i32, shape=())
         self.order = ti.field(ti.i32, shape=capacity)
         self.source, self.target = (ti.field(ti.i32, shape=COPIED_AT_ONCE) for _ in range(2))
@@ -86,11 +86,11 @@ class ParticleStore:
                 raise ValueError(f"particle field '{field.name}' is declared twice, differently")
             if field.name not in self.arrays:
                 self.arrays[field.name] = self._allocated(field)
-            if field.carried and field.kind not in self.buffer_of:
-                self.buffer_of[field.kind] = self._allocated(Field("buffer", field.kind, "", ""))
+                if field.carried:
+                    self.buffer_of[field.name] = self._allocated(field)
         carried = [f for f in self.declared.values() if f.carried]
         self.carried = [self.arrays[f.name] for f in carried]
-        self.buffers = [self.buffer_of[f.kind] for f in carried]
+        self.buffers = [self.buffer_of[f.name] for f in carried]
 
     def _allocated(self, field: Field):
         return allocate(field, self.capacity, self.dimension, self.liquids)
@@ -113,10 +113,11 @@ class ParticleStore:
     @ti.kernel
     def reorder(self):
         """Apply the permutation `order` to every carried field."""
-        for f in ti.static(range(len(self.carried))):
-            for i in range(self.count[None]):
+        for i in range(self.count[None]):
+            for f in ti.static(range(len(self.carried))):
                 self.buffers[f][i] = self.carried[f][self.order[i]]
-            for i in range(self.count[None]):
+        for i in range(self.count[None]):
+            for f in ti.static(range(len(self.carried))):
                 self.carried[f][i] = self.buffers[f][i]
 
     @ti.kernel

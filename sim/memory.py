@@ -49,12 +49,12 @@ def bytes_per_particle(settings: Settings, head_room: float = HEAD_ROOM) -> floa
         *BASE_FIELDS, *scheme.fields, *(field for effect in classes for field in effect.fields))}.values()
     width = {"scalar": real, "integer": 4, "vector": real * dimension, "liquids": real * liquids,
              "liquid_vectors": real * liquids * dimension, "tensor": real * dimension**2}
-    buffers = {field.kind for field in fields if field.carried}  # in which fields are sorted, one of a kind
     pairs = head_room * entries_at_rest(1, np.zeros(0), settings.numerics.support_ratio, 1.0, dimension)[0]
     images = 3 ** sum(period > 0.0 for period in settings.periods)
     marks = 8 * math.prod(2 * cells + 1 for cells in REACH[1:dimension]) * images
-    return (sum(width[field.kind] for field in fields) + sum(width[kind] for kind in buffers) + SOLVES * real
-            + 2 * ROW + marks + pairs * (_bytes_per_pair(settings) + _more_bytes_per_pair(settings)))
+    # What is carried has a buffer in which it is sorted.
+    return (sum((1 + field.carried) * width[field.kind] for field in fields) + SOLVES * real + 2 * ROW + marks
+            + pairs * (_bytes_per_pair(settings) + _more_bytes_per_pair(settings)))
 
 
 def _bytes_per_pair(settings: Settings) -> int:

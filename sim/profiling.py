@@ -74,13 +74,10 @@ class Owners:
         declarers = [*((solver.scheme.name, f) for f in solver.scheme.fields),
                      *((effect.name, f) for effect in solver.effects for f in effect.fields)]
         own = {f.name for _, f in declarers}
-        first = {}
         for part, field in [*((PARTICLES, f) for f in particles.declared.values() if f.name not in own), *declarers]:
             self._claim(part, particles.arrays[field.name])
             if field.carried:
-                first.setdefault(field.kind, part)  # the buffer that sorts all fields of a kind
-        for field, buffer in zip((f for f in particles.declared.values() if f.carried), particles.buffers, strict=True):
-            self._claim(first[field.kind], buffer)
+                self._claim(part, particles.buffer_of[field.name])
         roots = {id(effect): effect.name for effect in solver.effects} | {
             id(solver.scheme): solver.scheme.name, id(solver): SOLVER}
         self.objects |= roots
@@ -108,9 +105,8 @@ class Owners:
         """Part that a kernel was compiled for, from what its template arguments were; None for one of nobody here."""
         owner = features[0]() if features and isinstance(features[0], weakref.ref) else None
         part = self.objects.get(id(owner))
-        if part == PARTICLES:  # a buffer belongs to the first part with a field of its kind, the field to a later one
-            parts = [self.fields[id(one)][0] for one in features[1:] if id(one) in self.fields]
-            part = max(parts, key=self.parts.index, default=part)
+        if part == PARTICLES:  # one that copies a field
+            part = next((self.fields[id(one)][0] for one in features[1:] if id(one) in self.fields), part)
         return part
 
 
