@@ -44,6 +44,7 @@ rule estimate:
         mem_mb=flow.memory("estimate"),
         gpu=flow.gpu,
         foreseen=lambda w: cores(),  # no parameter: another number of cores is no reason to estimate again
+        estimates=int(not flow.elsewhere),
     params:
         depends=flow.depends("estimate"),
         start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
