@@ -2,7 +2,10 @@
 import logging
 import signal
 import threading
+import time
 from types import FrameType
+
+PATIENCE = 0.5  # s, that an error waits
 
 
 class Interrupt:
@@ -15,13 +18,21 @@ class Interrupt:
 
     def __init__(self, logger: logging.Logger):
         self.happened = False
-        self._logger = logger
         # Where a signal is ignored, or handled by others already, that stays so.
         if (threading.current_thread() is threading.main_thread()
                 and signal.getsignal(signal.SIGINT) is signal.default_int_handler):
             signal.signal(signal.SIGINT, self._handle)
+            logger.addFilter(self._is_wanted)
+
+    def _is_wanted(self, record: logging.LogRecord) -> bool:
+        """Whether a record is logged: a job that Ctrl-C has ended may be told of before the signal is."""
+        if record.levelno < logging.ERROR:
+            return True
+        end = time.monotonic() + PATIENCE
+        while not self.happened and time.monotonic() < end:
+            time.sleep(0.02)
+        return not self.happened
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self.happened = True
-        self._logger.addFilter(lambda record: record.levelno < logging.ERROR)
         signal.default_int_handler(number, frame)
