@@ -2,7 +2,7 @@
 
 LLVM makes eight copies of the body of every such loop, and of its vectorized form, on any processor that it knows. In
 kernels most loops are of this kind, and rows of 30 neighbors gain nothing by the copies: with them the 85 kernels of a
-tank in 2D took 26 s to compile and 8 s to load again, without them 15 and 3.3 s. A sum may be added up in another order
+tank in 2D took 27 s to compile and 9 s to load again, without them 14 and 3 s. A sum may be added up in another order
 then, so that its last digit is another one.
 
 Taichi (1.7.4) has no option for it. LLVM has a function that sets its options, but Taichi's library does not export it,
