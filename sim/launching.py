@@ -2,8 +2,8 @@
 
 Taichi (1.7.4) looks for the kernel of the arguments, makes a context and asks for the compiled code whenever a kernel
 is launched, and every attribute of an object with kernels is looked up by a function in Python. That was 17 of
-127 ms of processor time of a step of 5,000 particles. Here an object remembers, for each of its kernels and the fields given to it, the compiled code
-and the context; a launch sets the numbers and starts.
+127 ms of processor time of a step of 5,000 particles. Here an object remembers, for each of its kernels and the fields
+given to it, the compiled code and the context; a launch sets the numbers and starts.
 """
 import contextlib
 import dataclasses
