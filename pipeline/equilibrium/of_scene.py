@@ -3,10 +3,10 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.rest import Liquids, Rest, least_at_rest
-from pipeline.equilibrium.star_cavity import cavity_of
+from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest, refined_start
+from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.scenes.effects import known_by_an_effect
-from pipeline.scenes.model import Scene
+from pipeline.scenes.model import Eye, Scene
 from sim.effects import REGISTRY
 
 
@@ -17,6 +17,18 @@ def liquids_at_rest(scene: Scene) -> Liquids:
     tension = sum(effect.tension_of(parameters) for effect, parameters in effects)
     weight = sum(effect.weight_of(parameters) for effect, parameters in effects)
     return Liquids(aqueous.density - oil.density, tension, known_by_an_effect(scene, "contact_angle_of"), weight)
+
+
+def rest_in_eye(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
+    """Return the shape of least energy of those that are found with few directions, with four times as many.
+
+    Few directions blur the contact line, and touch up to 0.9 points more of the retina.
+    """
+    found = least_at_rest(cavity_of(eye), liquids, down, fill)
+    if not found.settled:
+        return found
+    cavity = cavity_of(eye, FINE)
+    return at_rest(cavity, liquids, down, fill, refined_start(found, cavity, FINE))
 
 
 def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
@@ -30,7 +42,7 @@ def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
     ------
     UserError : no shape was found.
     """
-    best = least_at_rest(cavity_of(scene.eye), liquids_at_rest(scene), down, fill)
+    best = rest_in_eye(scene.eye, liquids_at_rest(scene), down, fill)
     if not best.settled:
         raise UserError(f"no shape of {100.0 * fill:g} % oil at rest was found in this posture, since one point must "
                         "see all of its surface; try another fill")

@@ -12,8 +12,8 @@ from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.words import NO_ADVICE
 from pipeline.equilibrium.contact import Contact, shares
-from pipeline.equilibrium.rest import Liquids, Rest, least_at_rest
-from pipeline.equilibrium.star_cavity import cavity_of
+from pipeline.equilibrium.of_scene import rest_in_eye
+from pipeline.equilibrium.rest import Liquids, Rest
 from pipeline.planning.chart import Charts
 from pipeline.planning.plan import read_eye, read_record
 from pipeline.planning.report import percent
@@ -105,7 +105,7 @@ def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, postur
     shape = read_eye(eye or {})
     liquids = Liquids(materials[settings.other_liquid].density - materials[oil].density, given.tension,
                       given.contact_angle)
-    rest = least_at_rest(cavity_of(shape), liquids, postures()[posture], share)
+    rest = rest_in_eye(shape, liquids, postures()[posture], share)
     if not rest.settled:
         raise UserError(f"{percent(share, 1)} of {oil}, {posture}: no shape at rest was found; try another fill")
     return OilAtRest(oil, share, posture, shape, rest)

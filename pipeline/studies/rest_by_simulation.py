@@ -42,6 +42,7 @@ class Parameters:
     fill: float = parameter(0.85, minimum=0.5, maximum=0.98, meaning="share of the cavity that is oil")
     posture: str = parameter("upright", choices=tuple(POSTURES), meaning="posture of the patient")
     start: str = parameter("level", choices=("level", AT_REST), meaning="where the oil of the simulation is at first")
+    coarser: float = parameter(1.0, minimum=0.25, maximum=2.0, meaning="particle spacing over that of the level")
     viscosity: float = parameter(0.1, unit="Pa s", exclusive_minimum=0.0, meaning="of both liquids")
     duration: float = parameter(3.0, unit="s", exclusive_minimum=0.0, meaning="simulated time")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
@@ -54,11 +55,12 @@ def solves(case: Parameters) -> str:
 
 
 def changed(case: Parameters, scene: Scene) -> Scene:
-    """Return the scene with the eye, fill, posture and viscosity of a case."""
+    """Return the scene with the eye, fill, posture, viscosity and particle spacing of a case."""
     effects = scene.effects | {"gravity": dataclasses.replace(scene.effects["gravity"], posture=case.posture)}
     liquids = tuple(dataclasses.replace(liquid, dynamic_viscosity=case.viscosity) for liquid in scene.liquids)
     initial = dataclasses.replace(scene.initial, shape=case.start, fill={OIL: case.fill, AQUEOUS: 1.0 - case.fill})
-    numerics = dataclasses.replace(scene.numerics, precision=case.precision, threads=0)
+    numerics = dataclasses.replace(scene.numerics, particle_spacing=case.coarser * scene.numerics.particle_spacing,
+                                   precision=case.precision, threads=0)
     return dataclasses.replace(scene, eye=case.eye, effects=effects, liquids=liquids, initial=initial,
                                numerics=numerics)
 
@@ -112,7 +114,8 @@ def _reading(scene: Scene, initial: dict[str, np.ndarray], exact: Rest) -> list[
 def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float], times: np.ndarray,
              found: np.ndarray, seconds: np.ndarray, failure: str, particles: int) -> Outcome:
     at = (f"{case.patient}, {100 * case.fill:g} %, {case.posture.replace('_', ' ')}"
-          + (", from rest" if case.start == AT_REST else ""))
+          + (", from rest" if case.start == AT_REST else "")
+          + ("" if case.coarser == 1.0 else f", spacing {case.coarser:g}"))
     outcome, sharp = Outcome(), shares(Contact.of(exact))
     quarter = max(len(found) // 4, 1)
     last, before = found[-quarter:].mean(axis=0), found[-2 * quarter:-quarter].mean(axis=0)

@@ -5,6 +5,7 @@ import pytest
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.energy import Energy
+from pipeline.equilibrium.of_scene import rest_in_eye
 from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of, icosphere, parents
 from pipeline.equilibrium.wetting import Wetting
@@ -14,6 +15,8 @@ from pipeline.study_kit.young_laplace import oil_at_rest
 RADIUS = 0.011
 UPRIGHT = np.array([0.0, -1.0, 0.0])
 OIL = Liquids(35.0, 0.04, np.radians(18.2))
+# Of the default eye, upright, 85 %, by a minimizer of its own that moves the contact line.
+INDEPENDENT = {"retina": 0.675, "superior": 0.990, "inferior": 0.360, "macula": 1.0, "wall": 0.618}
 
 
 def sphere_level(points):
@@ -60,9 +63,18 @@ def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
 def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.85)
     found = shares(Contact.of(rest))
-    for name, share in {"retina": 0.675, "superior": 0.990, "inferior": 0.360, "macula": 1.0, "wall": 0.618}.items():
+    for name, share in INDEPENDENT.items():
         assert found[name] == pytest.approx(share, abs=0.01), name
     assert Contact.of(rest).arc() == pytest.approx(242.9, abs=3.0)
+
+
+def test_a_scene_rests_in_a_finer_shape(eye):
+    """Measured: 0.1 to 0.4 points off; few directions touch too much."""
+    rest = rest_in_eye(Eye(), OIL, UPRIGHT, 0.85)
+    assert rest.settled and len(rest.distance) > 3 * len(eye.direction)
+    found = shares(Contact.of(rest))
+    for name, share in INDEPENDENT.items():
+        assert found[name] == pytest.approx(share, abs=0.005), name
 
 
 def test_the_volume_is_exact_and_no_oil_is_behind_the_wall(eye):

@@ -86,7 +86,7 @@ def test_simulations_have_the_liquids_of_the_shape_and_thin_them():
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
         study = load_study("rest_by_simulation")
-        case = study.case("rest_by_simulation-staphyloma_band-0.85-upright-level")
+        case = study.case("rest_by_simulation-staphyloma_band-0.85-upright-level-1")
         scene = rest_by_simulation.changed(case.parameters, case.solved()[0])
     assert len(study.cases) == 20 and len({case.parameters.eye for case in study.cases.values()}) == 4
     assert Eye() not in {case.parameters.eye for case in study.cases.values()}
