@@ -526,6 +526,4 @@ class InterfaceTension(Effect):
 
     def restore(self, state: dict) -> None:
         if state:
-            self.level_set.phi.from_numpy(state["phi"])
-            self.level_set.slope[None] = float(state["slope"])
-            self.level_set.started[None] = int(state["started"])
+            self.level_set.restore(state["phi"], state["slope"], state["started"])

@@ -62,6 +62,7 @@ class LevelSet:
         self.slope = ti.field(real(), shape=())  # mean |grad phi| on the interface
         self.slope[None] = 1.0
         self.started = ti.field(ti.i32, shape=())
+        self.sides_known = False  # whether phi has the sign of the liquid at every node, near the interface or not
         self.steps = self.grid.strides
         self.last = self.dimension - 1
         # Layers of search cells along the last axis, as thick as particles on both sides reach, and a cell more each.
@@ -109,9 +110,22 @@ class LevelSet:
             self.ghost_depth.from_numpy(depth.astype(real_numpy()))
             self.ghost_curvature.from_numpy(np.clip(at_wall, -limit, limit).astype(real_numpy()))
 
+    def restore(self, phi: np.ndarray, slope: float, started: int) -> None:
+        """Take up what a checkpoint has kept."""
+        self.phi.from_numpy(phi)
+        self.slope[None], self.started[None] = float(slope), int(started)
+        self.sides_known = bool(started)
+
     def update(self) -> None:
         """Rebuild phi, its normals and curvature from the present positions and colors."""
-        self._mark()
+        if not self.sides_known:
+            # Far from the interface phi keeps the side that it was on: at first all particles tell it. A node at the
+            # wall that no particle is next to would look like another liquid there.
+            self._mark(1)
+            self._sum_at_nodes()
+            self._find_band()
+            self.sides_known = True
+        self._mark(0)
         self._sum_at_nodes()
         self._find_band()
         for _ in range(REDISTANCING_PASSES // 2):
@@ -135,8 +149,8 @@ class LevelSet:
             self._splat(odd)
 
     @ti.kernel
-    def _mark(self):
-        """Which particles have another color within the support radius; colors of the wall."""
+    def _mark(self, every: int):
+        """Which particles have another color within the support radius, or all; colors of the wall."""
         for i in range(self.count[None]):
             low, high = self.color[i], self.color[i]
             for slot in range(self.pairs.count[i]):
@@ -144,7 +158,7 @@ class LevelSet:
                 c = self.color[self.pairs.index[k]]
                 low = ti.min(low, c)
                 high = ti.max(high, c)
-            self.mixed[i] = ti.cast(high - low > 0.02, ti.i32)
+            self.mixed[i] = ti.cast(high - low > 0.02 or every == 1, ti.i32)
             if ti.static(self.mixes):
                 self.particle_contrast[i] = (high - low) ** 2
         for b in range(self.walls.count):

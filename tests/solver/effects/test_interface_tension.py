@@ -157,6 +157,16 @@ def test_a_drop_of_one_particle_rises(circle):
     assert 1e-3 < height() - start < 5e-3
 
 
+def test_nothing_looks_like_an_interface_far_from_it(circle):
+    """At first nodes at the wall that no particle is next to have to take the side of the liquid around."""
+    height = 0.3 * cavities.RADIUS
+    solver = with_tension(circle, 60.0, lambda x: x[:, 1] > height)
+    solver.prepare_output()
+    effect = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    point = effect.point.to_numpy()[: effect.point_count[None]]
+    assert len(point) > 20 and np.abs(point[:, 1] - height).max() < SPACING
+
+
 @pytest.fixture
 def level_set():
     """Return the level set of a sphere that is half full of oil after its first step, and the solver."""
@@ -188,7 +198,7 @@ def test_nodes_behind_the_wall_do_not_depend_on_their_order(level_set):
 def test_sums_at_the_nodes_are_those_of_all_particles_in_reach(level_set):
     """Whatever slab of nodes they lie in: the weights of a lattice of nodes against a sum over all particles."""
     level_set, solver = level_set
-    level_set._mark()
+    level_set._mark(0)
     level_set._sum_at_nodes()
     grid = solver.distance
     node = np.stack(np.unravel_index(np.arange(grid.size), grid.shape), axis=-1)
