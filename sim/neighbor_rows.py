@@ -17,7 +17,7 @@ import taichi as ti
 
 from sim.errors import OutOfRoom
 from sim.launching import data_oriented
-from sim.reductions import blocks, first, last, partial_results, running_total
+from sim.reductions import first, last, partial_results, running_total
 from sim.runtime import real, real_numpy
 
 HEAD_ROOM = 1.4  # entries allocated, over those of particles at rest density
@@ -81,30 +81,37 @@ class NeighborRows:
             return ti.Vector.field(components, real(), shape=self.entries, layout=ti.Layout.SOA)
         return ti.field(kind or real(), shape=self.entries)
 
-    @ti.kernel
-    def lay_out(self, n: int):
-        """Give the first n rows their places, from their counts."""
-        for block in range(blocks(n)):
-            total = 0
-            members = 0
-            for i in range(first(block, n), last(block, n)):
-                total += self.count[i]
-                members += ti.cast(self.count[i] > 0, ti.i32)
-            self.partial[0, block] = total
-            self.partial[1, block] = members
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.needed[None] = ti.cast(ti.min(running_total(self.partial, 0, n), 2.0e9), ti.i32)
-            self.member_count[None] = ti.cast(running_total(self.partial, 1, n), ti.i32)
-        for block in range(blocks(n)):
-            place = ti.cast(self.partial[0, block], ti.i32)
-            member = ti.cast(self.partial[1, block], ti.i32)
-            for i in range(first(block, n), last(block, n)):
-                self.start[i] = place
-                place += self.count[i]
-                if self.count[i] > 0:
-                    self.member[member] = i
-                    member += 1
+    # Rows get their places, from the counts of the first n of them, in three loops over blocks. These have to stand in
+    # a kernel (`sim.reductions`), which several rows share.
+
+    @ti.func
+    def count_block(self, block, n):
+        """Sum up the neighbors, and the particles that have any, of a block of rows; the first of the three."""
+        total = 0
+        members = 0
+        for i in range(first(block, n), last(block, n)):
+            total += self.count[i]
+            members += ti.cast(self.count[i] > 0, ti.i32)
+        self.partial[0, block] = total
+        self.partial[1, block] = members
+
+    @ti.func
+    def add_blocks(self, n):
+        """Add up what the blocks have; the second, done by one thread."""
+        self.needed[None] = ti.cast(ti.min(running_total(self.partial, 0, n), 2.0e9), ti.i32)
+        self.member_count[None] = ti.cast(running_total(self.partial, 1, n), ti.i32)
+
+    @ti.func
+    def place_block(self, block, n):
+        """Give a block of rows its places; the third."""
+        place = ti.cast(self.partial[0, block], ti.i32)
+        member = ti.cast(self.partial[1, block], ti.i32)
+        for i in range(first(block, n), last(block, n)):
+            self.start[i] = place
+            place += self.count[i]
+            if self.count[i] > 0:
+                self.member[member] = i
+                member += 1
 
     def check(self, what: str) -> None:
         """Raise OutOfRoom where the rows that were laid out do not fit."""

@@ -306,6 +306,24 @@ class NeighborSearch:
                         self._write_row(x, begin, end, self.wall_rows, b, self.position, self.volume, n)
             self.wall_rows.count[b] = n
 
+    @ti.kernel
+    def _lay_out(self):
+        """Give all rows their places, from their counts."""
+        n = self.particles.count[None]
+        for block in range(ti.max(blocks(n), blocks(self.walls.count))):
+            self.pairs.count_block(block, n)
+            self.wall_pairs.count_block(block, n)
+            self.wall_rows.count_block(block, self.walls.count)
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.pairs.add_blocks(n)
+            self.wall_pairs.add_blocks(n)
+            self.wall_rows.add_blocks(self.walls.count)
+        for block in range(ti.max(blocks(n), blocks(self.walls.count))):
+            self.pairs.place_block(block, n)
+            self.wall_pairs.place_block(block, n)
+            self.wall_rows.place_block(block, self.walls.count)
+
     def sort(self) -> None:
         """Sort the liquid particles by cell."""
         if any(self.periods):
@@ -322,9 +340,8 @@ class NeighborSearch:
             When they do not fit: particles pile up far beyond rest density.
         """
         self._count()
-        for rows, n, what in ((self.pairs, self.particles.count[None], "pairs of particles"),
-                              (self.wall_pairs, self.particles.count[None], "pairs of a particle and the wall"),
-                              (self.wall_rows, self.walls.count, "pairs of the wall and a particle")):
-            rows.lay_out(n)
+        self._lay_out()
+        for rows, what in ((self.pairs, "pairs of particles"), (self.wall_pairs, "pairs of a particle and the wall"),
+                           (self.wall_rows, "pairs of the wall and a particle")):
             rows.check(what)
         self._fill()

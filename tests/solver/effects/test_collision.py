@@ -47,7 +47,7 @@ class Probe:
         self.group.from_numpy(np.r_[np.zeros(self.number), np.ones(sizes.sum())].astype(np.int32))
         self.rows.index.from_numpy(self.number + np.arange(sizes.sum(), dtype=np.int32))
         self.rows.count.from_numpy(sizes.astype(np.int32))
-        self.rows.lay_out(self.number)
+        self.rows.start.from_numpy((np.cumsum(sizes) - sizes).astype(np.int32))
         self.direction = ti.Vector.field(dimension, ti.f64, shape=self.number)
         self.answer = ti.field(ti.i32, shape=self.number)
         self.distance = ti.field(ti.f64, shape=self.number)
