@@ -18,9 +18,10 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 # `python -m pipeline.<stage>`: its libraries may find no memory before the stage itself is reached.
 if sys.argv[:1] == ["-m"]:
-    from pipeline.base.memory import tell_of_imports
+    from pipeline.base.memory import refuse_too_little, tell_of_imports
 
     sys.excepthook = tell_of_imports
+    refuse_too_little()
 
 # Imported when first asked for: a stage that needs none of this starts sooner.
 _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",

@@ -17,6 +17,7 @@ from typing import NoReturn
 CGROUPS = Path("/sys/fs/cgroup")
 FAILED = 1  # exit code: the computer failed
 LIBRARIES = 4.0 * 2**30  # address space, bytes, with which every stage starts: Taichi reserves 1 GiB at once, VTK 0.6
+IMPORTS = 700.0 * 2**20  # that without which the libraries of some stage cannot even be loaded: measured 661 MiB
 # What libraries say when they get no memory; of the loader, of Python's threads, of C++, of Taichi, of NumPy, of CUDA.
 WORDS = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc",
          "virtual memory allocation", "unable to allocate", "out of memory", "out_of_memory")
@@ -93,6 +94,16 @@ def end_in_sentence(sentence: str) -> NoReturn:
     if sys.stdout is not None:
         sys.stdout.flush()
     os._exit(FAILED)
+
+
+def refuse_too_little() -> None:
+    """Leave where the libraries of `python -m pipeline.<stage>` cannot be loaded for lack of address space.
+
+    Without a piece of it, here and there, they and Python itself crash, or hang (3.13), before any error can be told.
+    """
+    if address_space() < IMPORTS:
+        module = sys.orig_argv[sys.orig_argv.index("-m") + 1]
+        end_in_sentence(f"not enough memory to run {module.rpartition('.')[2]}: {_way_out()}")
 
 
 def tell_of_imports(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
