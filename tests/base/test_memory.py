@@ -30,8 +30,8 @@ def told(done: subprocess.CompletedProcess) -> str:
 @pytest.mark.parametrize("limit", [200, 500])
 def test_libraries_that_cannot_be_loaded_are_one_sentence(stage, limit):
     sentence = told(limited(["-m", f"pipeline.{stage}", "none.json"], limit * MIB))
-    assert sentence == (f"error: not enough memory to run {stage}: ulimit -v allows {limit} MiB of address space, but must "
-                        "allow at least 4 GiB (ulimit -v unlimited)")
+    assert sentence == (f"error: not enough memory to run {stage}: ulimit -v allows {limit} MiB of address space, but "
+                        "must allow at least 4 GiB (ulimit -v unlimited)")
 
 
 @pytest.mark.parametrize("code", [
