@@ -22,7 +22,7 @@ def liquids_at_rest(scene: Scene) -> Liquids:
 def rest_in_eye(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
     """Return the shape of least energy of those that are found with few directions, with four times as many.
 
-    Few directions blur the contact line, and touch up to 0.9 points more of the retina.
+    Few directions blur the contact line, and touch up to 0.7 points more of the retina.
     """
     found = least_at_rest(cavity_of(eye), liquids, down, fill)
     if not found.settled:
