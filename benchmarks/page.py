@@ -61,7 +61,8 @@ def page() -> str:
     machine = (FOLDER / "dam_break" / "machine.txt").read_text().strip()
     return f"""# Benchmarks
 
-Made by `python benchmarks/page.py` from the tables in `benchmarks/`. Machine: {machine}
+Made by `python benchmarks/page.py` from the tables in `benchmarks/`. Machine: {machine}.
+It is a virtual one, and was twice as fast on some days as on others: compare within a table only.
 
 ## Dam break beside SPlisHSPlasH
 
