@@ -73,7 +73,6 @@ class PositionBased(Scheme):
     """Scheme `position_based`."""
 
     name = "position_based"
-    one_sided = True
     Parameters = PositionBasedParameters
     lacks = MappingProxyType({
         GROWTH: "the overlap of a particle that splits becomes velocity within one step"})

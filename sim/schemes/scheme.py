@@ -48,7 +48,6 @@ class Scheme(abc.ABC):
     fills : what it can fill: "closed" a cavity without any free surface, "open" one with a free surface.
     lacks : what it cannot do that effects need (`Effect.needs`), with the reason.
     refuses : effects that it cannot run for that, with the reason.
-    one_sided : whether it answers liquid that is too dense only, so that nothing but the step holds what is stretched.
     unread : fields of the numerics that it does not read -> what takes their place, in words.
     largest_density_ratio : of two liquids, up to which it was shown to work.
     largest_density_ratio_full : the same in a full cavity, where liquids cannot give way; None where it is the same.
@@ -60,7 +59,6 @@ class Scheme(abc.ABC):
     fills: tuple[str, ...] = ("closed", "open")
     lacks: Mapping[str, str] = MappingProxyType({})
     refuses = _Refusals()
-    one_sided: bool = False
     unread: Mapping[str, str] = MappingProxyType({})
     largest_density_ratio: float = float("inf")
     largest_density_ratio_full: float | None = None

@@ -8,6 +8,7 @@ from effect_cases import ACTIVE, DROPLETS, INVISCID, RADIUS, THICK, THIN, ZERO
 from sim.effects import REGISTRY
 from sim.effects.cohesion import MEASURED, CohesionParameters
 from sim.effects.effect import Effect
+from sim.errors import RunError
 from sim.fields import Field, ParticleStore
 from sim.launching import data_oriented
 from sim.schemes import REGISTRY as SCHEMES
@@ -451,6 +452,21 @@ def test_cohesion_pulls_the_surface_of_a_drop_inward(solver):
     rim = distance > distance.max() - SPACING
     assert (inward[rim] > 0.0).all()
     assert inward[rim].mean() > 3.0 * np.abs(inward[distance < 1.5 * SPACING]).mean()
+
+
+def test_strong_cohesion_fills_a_cavity_in_its_own_steps_and_is_told_where_longer_ones_crowd_it(monkeypatch):
+    """Thin liquids: pairs that attract oscillate, and nothing but the step holds them."""
+    thin = Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 970.0, 1e-3)
+    solver = cavities.build(cavities.cavity("circle", RADIUS), liquids=thin, maximum_time_step=1.0, effects=(
+        cavities.parameters("cohesion", gamma=3.0), cavities.parameters("viscosity_implicit")))
+    for _ in range(150):
+        solver.step()
+    (compression,) = cavities.read(solver, "compression_rate")
+    assert compression.mean() == pytest.approx(1.0, abs=0.05)
+    monkeypatch.setattr("sim.effects.cohesion.LARGEST_STEP", 1.0)
+    with pytest.raises(RunError, match=r"crowded to \d\.\d\d times their density .* smaller numerics.max"):
+        for _ in range(300):
+            solver.step()
 
 
 @pytest.mark.slow
