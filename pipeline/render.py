@@ -17,6 +17,7 @@ from pipeline.base.progress import progress
 from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
+from pipeline.pictures.eye_layout import HEADER, columns_of, rows_of
 from pipeline.pictures.fundus_map import BREAK_COLOR, Coverage, FundusMap
 from pipeline.pictures.marks import (
     FAINT_INK,
@@ -37,8 +38,6 @@ from pipeline.scenes.effects import droplets_of, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 
-HEADER, CAPTIONS, FOOTER = 0.12, 0.065, 0.105       # of the height
-COLUMNS, COLUMNS_WITHOUT_VIEW = (0.37, 0.25, 0.38), (0.5, 0.5)     # of the width
 MARK_COLORS = {"cannula": (213, 94, 0), "drain": (120, 94, 240)}
 FAR_BESIDE, LEAST_BESIDE = 1e-3, 0.01   # m off the section, and share of the cavity, from which on it is said
 
@@ -57,9 +56,8 @@ class Renderer:
         self.scene, self.cavity_volume = scene, cavity_volume
         self.size = tuple(OVERSAMPLING * length for length in scene.output.image_size)
         width, height = self.size
-        self.top, self.bottom = round((HEADER + CAPTIONS) * height), round((1.0 - FOOTER) * height)
-        shares = COLUMNS if eye_surface is not None else COLUMNS_WITHOUT_VIEW
-        self.columns = [round(width * share) for share in np.cumsum([0.0, *shares])]
+        self.top, self.bottom = rows_of(height)
+        self.columns = columns_of(width, opened=eye_surface is not None)
         liquids = [liquid.name for liquid in scene.liquids]
         clear = (liquid.name for liquid in scene.liquids if liquid.clear)
         self.water = next(clear, liquids[0] if len(liquids) > 1 else None)

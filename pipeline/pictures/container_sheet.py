@@ -3,25 +3,24 @@
 In space they are bodies in a glass box. In a plane every liquid fills its outline; where liquids mix, their colors mix
 as the fractions of the particles of that outline do.
 """
-import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
+from scipy.ndimage import binary_closing
 from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, read_frame
 from pipeline.pictures.container_panel import INSIDE, WALL, shade
-from pipeline.pictures.marks import OVERSAMPLING, reduce, write
+from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.surfaces.contour_lines import signed_area
 from pipeline.surfaces.fraction_field import SUPPORT, wendland
 from pipeline.surfaces.surface_files import lines_of, read_surfaces
 
-LETTERS = 13            # pixels, of titles and captions
-GAP = 8                 # pixels between pictures
 NEIGHBORS = 12          # particles of which a mixed color is the mean
 PURE = 1.0 - 1e-3       # fraction from which on a particle is of one liquid
+CRACK = 1.5             # spacings, width up to which what parts mixing liquids is no void
 
 
 class ContainerMoments:
@@ -63,11 +62,18 @@ class ContainerMoments:
         colors = np.array([ImageColor.getrgb(liquid.color) for liquid in self.scene.liquids])
         pure = bool((np.max(frame.volume_fraction, axis=1) > PURE).all())
         picture, paths = np.full((self.size[1], self.size[0], 3), INSIDE, np.uint8), []
+        anywhere = np.zeros(picture.shape[:2], bool)
         for phase, liquid in enumerate(self.scene.liquids):
             lines = [line[:, :2] for line in lines_of(surfaces[liquid.name])]
             paths += [(self._pixels(line), shade(tuple(colors[phase]))) for line in lines]
             inside = self._filled(lines)
-            picture[inside] = colors[phase] if pure else self._mixed(frame, phase, colors)[inside]
+            anywhere |= inside
+            picture[inside] = colors[phase] if pure else self._mixed(frame, frame.phase == phase, colors)[inside]
+        if not pure:    # where liquids mix, neither of them may reach its level in a line between both
+            reach = 0.5 * CRACK * frame.particle_spacing * self.size[0] / self.sides[0]
+            place = np.arange(-int(reach), int(reach) + 1)
+            crack = binary_closing(anywhere, place[:, None] ** 2 + place**2 <= reach**2) & ~anywhere
+            picture[crack] = self._mixed(frame, np.ones(len(frame.phase), bool), colors)[crack]
         image = Image.fromarray(picture)
         draw = ImageDraw.Draw(image)
         for path, color in paths if pure else []:
@@ -88,9 +94,8 @@ class ContainerMoments:
             draw.polygon(self._pixels(lines[index]), fill=int(areas[index] > 0.0))
         return np.asarray(mask)
 
-    def _mixed(self, frame: FrameData, phase: int, colors: np.ndarray) -> np.ndarray:
-        """Colors (height, width, 3) by the mean fractions of the particles of one phase around every pixel."""
-        own = frame.phase == phase
+    def _mixed(self, frame: FrameData, own: np.ndarray, colors: np.ndarray) -> np.ndarray:
+        """Colors (height, width, 3) by the mean fractions of the particles in ``own`` (n,) around every pixel."""
         if not own.any():
             return np.zeros((self.size[1], self.size[0], 3), np.uint8)
         cell = OVERSAMPLING * self.sides[0] / self.size[0]
@@ -118,31 +123,3 @@ def moments(scene, paths: Sequence[Path], width: int,
     finally:
         drawn.close()
     return result
-
-
-def sheet(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]], across: int = 1) -> bytes:
-    """Rows of pictures as PNG, each row with a title, each picture with a caption below.
-
-    Parameters
-    ----------
-    rows : title, and pictures of the large canvas with their captions; all of one width.
-    across : how many rows are side by side.
-    """
-    gap, line = GAP * OVERSAMPLING, 1.5 * LETTERS * OVERSAMPLING
-    width = rows[0][1][0][0].width
-    block = max(len(row) for _, row in rows) * (width + gap) + 2 * gap
-    heights = [max(picture.height for _, row in rows[first:first + across] for picture, _ in row) + round(2.5 * line)
-               for first in range(0, len(rows), across)]
-    canvas = Image.new("RGB", (across * block, sum(heights)), (255, 255, 255))
-    draw = ImageDraw.Draw(canvas)
-    for number, (title, row) in enumerate(rows):
-        left, top = gap + number % across * block, sum(heights[:number // across])
-        write(draw, (left, top + 0.2 * line), title, LETTERS * OVERSAMPLING, bold=True, width=block - 2 * gap)
-        for place, (picture, caption) in enumerate(row):
-            x = left + place * (width + gap)
-            canvas.paste(picture, (x, round(top + 1.2 * line)))
-            write(draw, (x + 0.5 * width, top + 1.4 * line + picture.height), caption, LETTERS * OVERSAMPLING,
-                  anchor="ma", width=width)
-    buffer = io.BytesIO()
-    reduce(canvas).save(buffer, format="PNG", optimize=True)
-    return buffer.getvalue()

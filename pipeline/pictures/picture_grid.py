@@ -1,7 +1,14 @@
 """Pictures in rows and columns, for the pages of studies."""
 import io
+from collections.abc import Sequence
 
 import numpy as np
+from PIL import Image, ImageDraw
+
+from pipeline.pictures.marks import OVERSAMPLING, reduce, write
+
+LETTERS = 13            # pixels, of titles and captions
+GAP = 8                 # pixels between pictures
 
 
 def panels(rows: int, columns: int, size: tuple[float, float], margin: tuple[float, float] = (0.0, 0.0)):
@@ -22,4 +29,32 @@ def as_png(canvas, dpi: int) -> bytes:
     """Return a canvas as PNG."""
     buffer = io.BytesIO()
     canvas.savefig(buffer, dpi=dpi, format="png")
+    return buffer.getvalue()
+
+
+def sheet(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]], across: int = 1) -> bytes:
+    """Rows of pictures as PNG, each row with a title, each picture with a caption below.
+
+    Parameters
+    ----------
+    rows : title, and pictures of the large canvas with their captions; all of one width.
+    across : how many rows are side by side.
+    """
+    gap, line = GAP * OVERSAMPLING, 1.5 * LETTERS * OVERSAMPLING
+    width = rows[0][1][0][0].width
+    block = max(len(row) for _, row in rows) * (width + gap) + 2 * gap
+    heights = [max(picture.height for _, row in rows[first:first + across] for picture, _ in row) + round(2.5 * line)
+               for first in range(0, len(rows), across)]
+    canvas = Image.new("RGB", (across * block, sum(heights)), (255, 255, 255))
+    draw = ImageDraw.Draw(canvas)
+    for number, (title, row) in enumerate(rows):
+        left, top = gap + number % across * block, sum(heights[:number // across])
+        write(draw, (left, top + 0.2 * line), title, LETTERS * OVERSAMPLING, bold=True, width=block - 2 * gap)
+        for place, (picture, caption) in enumerate(row):
+            x = left + place * (width + gap)
+            canvas.paste(picture, (x, round(top + 1.2 * line)))
+            write(draw, (x + 0.5 * width, top + 1.4 * line + picture.height), caption, LETTERS * OVERSAMPLING,
+                  anchor="ma", width=width)
+    buffer = io.BytesIO()
+    reduce(canvas).save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()

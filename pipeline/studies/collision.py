@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
-from pipeline.pictures.container_sheet import moments, sheet
+from pipeline.pictures.container_sheet import moments
+from pipeline.pictures.picture_grid import sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.tables import read_table
-from pipeline.pictures.container_sheet import moments, sheet
-from pipeline.pictures.picture_grid import evenly
+from pipeline.pictures.container_sheet import moments
+from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of

@@ -14,13 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from pipeline.advice.report import report_of
 from pipeline.advice.rules import SEEN_EFFECT
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.tables import read_table
-from pipeline.pictures.picture_grid import as_png, panels
+from pipeline.pictures.eye_layout import section_and_map
+from pipeline.pictures.marks import OVERSAMPLING
+from pipeline.pictures.picture_grid import sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.studies.oil_shape import measured
@@ -33,7 +36,7 @@ FIGURES = (
     Figure("effects_center", "Center of the oil, with every effect off in turn", "time / s",
            "height of the center (superior) / mm"),
 )
-PANEL, COLUMNS = 3.2, 4  # width of a picture in inches, pictures in a row
+WIDTH, ACROSS = 330, 2  # pixels of a section, and of a map of the fundus; scenes side by side
 PICTURES = ("effects_pictures",)
 READS = ("frames", "surfaces", "images", "effects.csv")
 OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
@@ -172,15 +175,11 @@ def _load(folder: Path, liquid: str) -> Run:
 
 
 def _side_by_side(order: list[tuple[Run, str]]) -> bytes:
-    """The pictures of all scenes at their ends, as PNG."""
-    from matplotlib.image import imread
-
-    height, width = imread(order[0][0].picture).shape[:2]
-    rows = math.ceil(len(order) / COLUMNS)
-    canvas, grid = panels(rows, COLUMNS, (PANEL, PANEL * height / width + 0.5))
-    for axes in grid.flat:
-        axes.axis("off")
-    for axes, (one, caption) in zip(grid.flat, order, strict=False):
-        axes.imshow(imread(one.picture))
-        axes.set_title(f"{one.scene.title}\n{caption or f'{one.seconds:.0f} s of computing time'}", fontsize=9)
-    return as_png(canvas, dpi=100)
+    """Sections and maps of the fundus of all scenes at their ends, as PNG."""
+    rows = []
+    for one, caption in order:
+        with Image.open(one.picture) as picture:
+            drawn = section_and_map(picture.convert("RGB"), OVERSAMPLING * WIDTH)
+        rows.append((f"{one.scene.title}: {caption or f'{one.seconds:.0f} s of computing time'}",
+                     [(panel, "") for panel in drawn]))
+    return sheet(rows, ACROSS)

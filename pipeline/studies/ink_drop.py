@@ -15,8 +15,8 @@ import numpy as np
 
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.measures.mixing_metrics import entropy
-from pipeline.pictures.container_sheet import moments, sheet
-from pipeline.pictures.picture_grid import evenly
+from pipeline.pictures.container_sheet import moments
+from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded

@@ -10,9 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from pipeline.base.frame_files import find_frames, read_frame
-from pipeline.pictures.picture_grid import as_png, evenly, panels
+from pipeline.pictures.eye_layout import section_and_map
+from pipeline.pictures.marks import OVERSAMPLING
+from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
@@ -23,7 +26,7 @@ FIGURES = (
     Figure("oil_sphericity", "Sphericity of the oil", "time / s", "surface of a ball of this volume / surface"),
     Figure("oil_interface", "Area between oil and aqueous", "time / s", "interface / cross-section of the eye"),
 )
-PANEL = 5.0  # width of a picture, in inches
+WIDTH = 330  # pixels of a section, and of a map of the fundus
 PICTURES = ("oil_shape_pictures",)
 READS = ("frames", "surfaces", "images")
 
@@ -34,7 +37,7 @@ class Parameters:
 
     scenes: tuple[str, ...] = parameter(meaning="names of the scenes: without forces first")
     liquids: tuple[str, ...] = parameter(meaning="name of the oil in each of the scenes")
-    pictures: int = parameter(3, minimum=1, maximum=8, meaning="times at which the scenes are drawn side by side")
+    pictures: int = parameter(2, minimum=1, maximum=8, meaning="times at which the scenes are drawn side by side")
 
 
 def scenes(parameters: Parameters) -> tuple[str, ...]:
@@ -112,15 +115,13 @@ def measured(surface, spacing: float) -> tuple[float, float, int]:
 
 
 def _side_by_side(oils: list[Oil], count: int) -> bytes:
-    """The pictures of all scenes at the same times, as PNG."""
-    from matplotlib.image import imread
-
-    indices = evenly(count, min(len(oil.pictures) for oil in oils))
-    height, width = imread(oils[0].pictures[0]).shape[:2]
-    canvas, grid = panels(len(indices), len(oils), (PANEL, PANEL * height / width), (0.0, 0.4))
-    for column, oil in zip(grid.T, oils, strict=True):
-        column[0].set_title(oil.scene.title, fontsize=11)
-        for axes, index in zip(column, indices, strict=True):
-            axes.imshow(imread(oil.pictures[index]))
-            axes.axis("off")
-    return as_png(canvas, dpi=110)
+    """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG."""
+    rows = []
+    for oil in oils:
+        row = []
+        for index in evenly(count, min(len(one.pictures) for one in oils)):
+            with Image.open(oil.pictures[index]) as picture:
+                section, fundus = section_and_map(picture.convert("RGB"), OVERSAMPLING * WIDTH)
+            row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]
+        rows.append((oil.scene.title, row))
+    return sheet(rows)

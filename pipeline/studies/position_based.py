@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from pipeline.base.frame_files import FrameData
-from pipeline.pictures.container_sheet import sheet
+from pipeline.pictures.picture_grid import sheet
 from pipeline.simulation.cost_files import seconds_of
 from pipeline.studies.collision import Run, load_run, row_of_moments
 from pipeline.study_kit.model import Outcome, Row, compared

@@ -7,8 +7,9 @@ import pytest
 from PIL import Image, ImageColor
 
 from pipeline.pictures.container_panel import INSIDE
-from pipeline.pictures.container_sheet import ContainerMoments, moments, sheet
+from pipeline.pictures.container_sheet import ContainerMoments, moments
 from pipeline.pictures.container_view import ContainerView, cone
+from pipeline.pictures.picture_grid import sheet
 from pipeline.scenes.model import Funnel
 from pipeline.surfaces.contour_lines import ContourLines
 from pipeline.surfaces.surface_files import to_polydata, write_surface
