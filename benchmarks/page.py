@@ -61,20 +61,21 @@ def page() -> str:
     machine = (FOLDER / "dam_break" / "machine.txt").read_text().strip()
     return f"""# Benchmarks
 
-Made by `python benchmarks/page.py` from the tables in `benchmarks/`. Machine: {machine}.
-It is a virtual one, and was twice as fast on some days as on others: compare within a table only.
+Made by `python benchmarks/page.py` from the tables in `benchmarks/`. Machines are virtual, and twice as fast on some
+days as on others: compare within a table only.
 
 ## Dam break beside SPlisHSPlasH
 
 `python benchmarks/dam_break/compare.py`; what is alike and what is not:
-[benchmarks/dam_break](../benchmarks/dam_break). Steps from 150 on are timed; medians of turns.
+[benchmarks/dam_break](../benchmarks/dam_break). Steps from 150 on are timed; medians of turns. Machine:
+{rows("dam_break/results.csv")[0]["machine"]}.
 
 {peer()}
 
 ## Size
 
 `python benchmarks/dam_break/sizes.py`: the same dam from 5,000 particles to a million, steps that shrink with the
-spacing, 40 steps after the first 20. Medians of turns.
+spacing, 40 steps after the first 20. Medians of turns. Machine, here and below: {machine}.
 
 ![Time per particle and step](images/{PICTURE.name})
 

@@ -132,7 +132,8 @@ class Renderer:
         section = ["section through the optic axis, from the patient's left", self._beside(frame)]
         fundus = [f"fundus of the {self.scene.eye.side} eye, as its examiner sees it", self._fill(frame)]
         captions = [section, fundus] if self.view is None else [section, ["", ""], fundus]
-        for left, right, lines in zip(self.columns, self.columns[1:], captions, strict=False):
+        ends = [*self.columns[1:-1], self.columns[-1] - 6.0 * u]     # the arrow of gravity is at the right
+        for left, right, lines in zip(self.columns, ends, captions, strict=False):
             for row, line in enumerate(lines):
                 write(draw, (left + 2.0 * u, self.size[1] * HEADER + (0.8 + 3.0 * row) * u), line, 2.3 * u,
                       color=FAINT_INK, width=right - left - 3.0 * u)
@@ -171,9 +172,9 @@ class Renderer:
                   (pretty(self.water) if self.water else "", self._shown_name()), 2.4 * u)
         left += bar + 0.07 * width
         if self.droplets is not None:
-            color_bar(draw, (left, top, left + bar, bottom), DROPLET_COLORS, "oil in droplets, parts per million",
-                      ("", ""), 2.4 * u, DROPLET_TICKS)
-            left += bar + 0.03 * width
+            color_bar(draw, (left, top, left + 1.3 * bar, bottom), DROPLET_COLORS, "oil in droplets, ppm", ("", ""),
+                      2.4 * u, DROPLET_TICKS)
+            left += 1.3 * bar + 0.03 * width
         entries = [(self._color(index), "interface" if len(self.shown) == 1 else pretty(self.scene.liquids[index].name))
                    for index in self.shown if self.view is not None]
         for color, text in entries:
@@ -205,7 +206,7 @@ class Renderer:
         parts = [f"{pretty(frame.liquids[k])}: {100.0 * frame.fill[k] / total:.1f} %" for k in self.shown]
         text = ", ".join(parts) + f" of the cavity ({total * 1e6:.2f} mL)"
         if self.droplets is not None:
-            text += f"; in droplets: {1e6 * frame.fill[self.droplets] / total:.2g} millionths"
+            text += f"; droplets: {1e6 * frame.fill[self.droplets] / total:.2g} ppm"
         return text
 
     def _beside(self, frame: FrameData) -> str:

@@ -17,6 +17,8 @@ import venv
 from pathlib import Path
 from statistics import median
 
+from sizes import machine
+
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
 PEER = "pySPlisHSPlasH==2.19.0"
@@ -24,7 +26,7 @@ PEER_PYTHON = FOLDER / ".venv" / "bin" / "python"
 OURS = ("dfsph",)
 COLUMNS = ("program", "n", "particles", "wall_particles", "turns", "wall_s_per_step", "least_wall_s_per_step",
            "cpu_s_per_step", "density_iterations", "divergence_iterations", "top_speed", "kinetic_energy", "front",
-           "mean_compression", "largest_compression", "wall_ratio", "cpu_ratio")
+           "mean_compression", "largest_compression", "wall_ratio", "cpu_ratio", "machine")
 LARGEST = ("mean_compression", "largest_compression")
 CLOSE = {"top_speed": 0.1, "kinetic_energy": 0.03}  # relative difference up to which both have computed the same dam
 BEGIN, END = "<!-- results -->", "<!-- end of results -->"
@@ -83,7 +85,7 @@ def compare(sizes: list[int], schemes: list[str], steps: int, turns: int, thread
         peer = together(results["peer"], turns)
         for program in results:
             row = together(results[program], turns)
-            row |= {"wall_ratio": peer["wall_s_per_step"] / row["wall_s_per_step"],
+            row |= {"machine": machine(), "wall_ratio": peer["wall_s_per_step"] / row["wall_s_per_step"],
                     "cpu_ratio": peer["cpu_s_per_step"] / row["cpu_s_per_step"]}
             rows.append(row)
             _check(row, peer)
@@ -139,8 +141,7 @@ def main() -> None:
         print(f"n {row['n']}: {row['program']}: {row['wall_ratio']:.2f} times as fast by wall time, "
               f"{row['cpu_ratio']:.2f} by CPU time")
     if not arguments.dry:
-        write(rows, f"{arguments.turns} turns of {arguments.steps} steps, {arguments.threads} threads, "
-                    f"{os.cpu_count()} cores.")
+        write(rows, f"{arguments.turns} turns of {arguments.steps} steps, {arguments.threads} threads; {machine()}.")
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from pipeline.scenes.units import parse_quantity
 STUDIES = "studies"
 HOW: dict[str, Callable] = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
 TAKEN = {"wall": "s", "cpu": "s", "memory": "B"}
+COUNTED = ("spacings",)     # words for pure numbers in place of a unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,7 +196,7 @@ def _unit(unit: str) -> str:
 
 
 def _converted(number: float, unit: str, wanted: str) -> float:
-    if unit == wanted or math.isnan(number):
+    if unit == wanted or math.isnan(number) or (not unit and wanted in COUNTED):
         return number
     try:
         return parse_quantity(f"{number!r} {unit or 1}", wanted)

@@ -17,7 +17,7 @@ from pipeline.study_kit.surgeons_words import BASE, FILL, LINE_BY_PARTICLES, MOV
 
 PICTURES, TABLES = ("droplets",), ("shed", "gathered", "tracers", "sections")
 WASHED_OUT = (3.5, 0.3, 38.0)  # ppm of the volume: mean, least and most of wash-outs [yu2020, abstract]
-BY_PARTICLES = 3.3             # ppm of the cavity after 26 weeks: docs/results/mixing.md
+BY_PARTICLES = 3.1             # ppm of the cavity after 26 weeks: docs/results/mixing.md
 MONTHS = 26                    # weeks
 RATE = SHED[3]
 Rows = Sequence[dict[str, str]]

@@ -91,11 +91,15 @@ def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project)
     assert (row.value, row.expected, row.error, row.error_unit, row.holds) == ("190.0", "184.0", "6", "deg", "no")
     lines = ({"case": "position_based pbf_honey", "quantity": "radius at the end, viscous current (Huppert 1982)",
               "value": "0.14", "unit": "m", "reference": "0.1428571", "error": "0.02", "tolerance": "0.1",
-              "holds": "true"},)
+              "holds": "true"},
+             {"case": "position_based pbf_equality_corrected", "quantity": "smallest spacing / dx, mean of the frames",
+              "value": "0.6543", "unit": "1"})
     assert run(project, "--take", study_table(project, "pbf_study", "draft", *lines)).returncode == 0
     row = next(row for row in rows_of(project, "position_based") if "pbf_honey: radius" in row.source)
     assert (row.value, row.unit, row.expected, row.error, row.error_unit) == ("140", "mm", "143", "2", "%")
     assert (row.allowed, row.holds) == ("10", "yes")
+    row = next(row for row in rows_of(project, "position_based") if "pbf_equality_corrected: small" in row.source)
+    assert (row.value, row.unit) == ("0.65", "spacings")
 
 
 def test_new_cases_come_only_where_they_are_asked_for(project):
