@@ -19,6 +19,7 @@ from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
 from pipeline.pictures.container_view import peel
+from pipeline.pictures.eye_layout import columns_of
 from pipeline.pictures.eye_view import INTERFACE_COLOR, NERVE_COLOR, EyeView
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import clock
@@ -103,8 +104,8 @@ def test_pictures_show_section_opened_eye_and_fundus(run_folder, tmp_path, openg
     pictures = draw(run_folder, tmp_path / "images")
     assert all(pixels.shape == (SIZE[1], SIZE[0], 3) for pixels in pictures)
     water, tamponade, _ = pictures
-    ends = np.cumsum((0.0, *render.COLUMNS)) * SIZE[0]
-    section, halves, fundus = (slice(round(left), round(right)) for left, right in itertools.pairwise(ends))
+    ends = columns_of(SIZE[0])
+    section, halves, fundus = (slice(left, right) for left, right in itertools.pairwise(ends))
     assert_section(tamponade[:, section], (1.0, 0.0))
     body = slice(80, 310)
     assert count(tamponade[body, halves], rgb(INTERFACE_COLOR), 70) > 1500 and \

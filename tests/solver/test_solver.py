@@ -295,7 +295,7 @@ def build(head_room=1.4):
 def squeezed(solver):
     """A state whose particles crowd on one side, so that there are more pairs than at rest."""
     position = solver.particles.to_numpy("position")
-    position[:, 0] = position[:, 0] * np.where(position[:, 0] > 0.0, 0.5, 1.0)
+    position[:, 0] = position[:, 0] * np.where(position[:, 0] > 0.0, 0.75, 1.0)
     solver.particles.from_numpy("position", position)
     return solver.state()
 
@@ -307,10 +307,10 @@ Runner(wide).advance(state, 2e-3, lambda solver, dt: None)
 expected = wide.state()
 del wide  # Taichi starts anew for the next one
 try:
-    build(0.4).restore(state)
+    build(0.32).restore(state)
 except OutOfRoom as error:
     print("refused:", error)
-runner = Runner(build(0.4), build)
+runner = Runner(build(0.32), build)
 restore(runner, state, "checkpoint", begins=False)
 runner.advance(state, 2e-3, lambda solver, dt: None)
 found = runner.solver.state()
