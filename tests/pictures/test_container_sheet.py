@@ -74,6 +74,24 @@ def test_colors_mix_as_the_fractions_do(scene):
         assert np.abs(found - (x * oil + (1.0 - x) * water)).max() < 4.0
 
 
+def test_no_line_parts_liquids_that_mix_but_a_void_stays_one(scene):
+    """Between the outlines of both liquids is a ring narrower than a particle, and one wider than two."""
+    def drawn(width, fraction):
+        both = {"oil": to_polydata(ContourLines([circle(0.4), circle(0.2 + width, turn=-1.0)])),
+                "water": to_polydata(ContourLines([circle(0.2)]))}
+        picture = ContainerMoments(scene, WIDTH).draw(frame_with(fraction), both)
+        ring = 0.2 + 0.5 * width
+        angle = np.linspace(0.0, 2.0 * np.pi, 100)
+        return [picture.getpixel((round(200 * (0.5 + ring * np.cos(one))), round(200 * (0.5 + ring * np.sin(one)))))
+                for one in angle]
+
+    def mixed(x):
+        return np.clip(x[:, 0], 0.0, 1.0)
+
+    assert INSIDE not in drawn(0.015, mixed)
+    assert drawn(0.06, mixed).count(INSIDE) > 90
+
+
 def test_pictures_of_a_run_are_on_one_sheet(scene, tmp_path, monkeypatch):
     path = tmp_path / "frames" / "segment_000" / "frame_00000.vtu"
     folder = tmp_path / "surfaces" / "segment_000"
