@@ -3,6 +3,7 @@ import functools
 import gc
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -80,6 +81,11 @@ def opengl(can_draw) -> None:
         pytest.fail("no OpenGL on this machine: install libosmesa6 (./run test does, or tells how)")
 
 
+def hear_interrupts() -> None:
+    """What a script starts with `&` ignores Ctrl-C, and so would its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Project:
     """A copy of the project: its own configuration and outputs, the code itself linked."""
 
@@ -115,7 +121,8 @@ class Project:
         with (self.folder / "snakemake.log").open("w") as log:
             return subprocess.Popen([sys.executable, "-m", "snakemake", "-j2", *arguments], cwd=self.folder,
                                     env={**environment, "PYTHONPATH": str(self.folder)}, stdin=subprocess.DEVNULL,
-                                    stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+                                    stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+                                    preexec_fn=hear_interrupts)
 
     def snakemake(self, *arguments: str) -> tuple[int, str]:
         """Run Snakemake to its end; return its exit code and all that it printed."""
