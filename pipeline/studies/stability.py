@@ -147,7 +147,8 @@ def refusals(scheme: str) -> Iterator[Verdict]:
         "liquid": "oil", "drained_liquid": "aqueous", "flow": 5.0 * volume, "fill": 1.0,
         "cannula": (-4e-3, 0.0, 0.0), "drain": (9e-3, 0.0, 0.0)}})
     yield from judged("injection of more than the cavity holds", tank, [
-        HardCase("", duration=0.5, works=True, exchanges=True, refusal="runs out before the fill is reached")])
+        HardCase("", duration=0.5, works=True, exchanges=True,
+                 refusal="runs out at the drain before the fill is reached")])
 
 
 RUNS = {"closed": (closed,), "open": (opened,), "time_step": (time_steps,), "effects": (tensions, mixtures),
