@@ -85,7 +85,7 @@ def encoder(path: Path, size: tuple[int, int], pace: Pace, name: Path) -> Iterat
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
                "-s", f"{size[0]}x{size[1]}", "-r", f"{pace.rate:.9g}", "-i", "-", "-an",
                "-vf", f"tpad=stop_mode=clone:stop_duration={pace.hold:.9g},fps={pace.repeats * pace.rate:.9g}",
-               "-c:v", "libx264",
+               "-c:v", "libx264", "-preset", "veryfast",
                "-threads", str(library_threads()), "-pix_fmt", "yuv420p", "-crf", str(QUALITY),
                "-movflags", "+faststart", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as ffmpeg:

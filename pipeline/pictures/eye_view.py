@@ -43,11 +43,12 @@ class EyeView:
         self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), shape=(len(HALVES), 1), border=False,
                                        lighting="light kit")
         self.plotter.set_background("white", all_renderers=True)
+        self.plotter.render_window.SetMultiSamples(0)       # the large canvas is averaged; this would double the time
         self._changing: list = []
         center = np.array(eye.center)
-        landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 450)
+        landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 350)
                                                    for line in landmark_lines(eye, right_eye)]
-        landmarks += [(line, BREAK_COLOR, size[1] / 200) for line in break_lines(eye, breaks)]
+        landmarks += [(line, BREAK_COLOR, size[1] / 180) for line in break_lines(eye, breaks)]
         for row, (half, side) in enumerate(HALVES.items()):
             self.plotter.subplot(row, 0)
             self.plotter.add_mesh(half_shell(eye, side), color=SHELL_COLOR, smooth_shading=True,
@@ -89,7 +90,7 @@ class EyeView:
                 self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.5, diffuse=0.5,
                           specular=0.25, specular_power=20.0)
             if edge is not None and edge.n_cells:
-                self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 300)))
+                self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 270)))
         self.plotter.render()
         return self.plotter.screenshot(None, return_img=True)[..., :3]
 

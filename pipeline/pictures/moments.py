@@ -1,6 +1,7 @@
 """Pictures of a run for slides and papers: an animation that loops, and moments side by side."""
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -13,6 +14,8 @@ ANIMATION_BYTES = 4 * 2**20  # slides that are sent around
 ANIMATION_WIDTHS = (800, 640, 480, 320, 240, 160)
 ANIMATION_PICTURES = 80
 MOMENTS, COLUMNS, MOMENT_WIDTH, GAP = 8, 4, 640, 8  # of the sheet; pixels
+
+Item = TypeVar("Item")
 
 
 def read_picture(path: Path) -> Image.Image:
@@ -29,7 +32,7 @@ def read_picture(path: Path) -> Image.Image:
         raise UserError(f"{path}: is no picture ({error}); run the render stage again") from error
 
 
-def evenly_chosen(images: Sequence[Path], count: int) -> list[Path]:
+def evenly_chosen(images: Sequence[Item], count: int) -> list[Item]:
     """Return at most so many pictures at equal times, the first and the last of them included."""
     return [images[index] for index in np.unique(np.rint(np.linspace(0, len(images) - 1, count)).astype(int))]
 
@@ -53,6 +56,19 @@ def write_moments(images: Sequence[Path], output: Path) -> None:
         sheet.save(partial, optimize=True)
 
 
+def in_one_palette(pictures: Sequence[Image.Image]) -> list[Image.Image]:
+    """Return pictures of one size in 256 colors found on some of them: a palette for each takes 30 times as long.
+
+    An octree keeps the colors of small marks, which a median cut loses.
+    """
+    chosen = evenly_chosen(pictures, MOMENTS)
+    sheet = Image.new("RGB", (chosen[0].width, len(chosen) * chosen[0].height))
+    for row, picture in enumerate(chosen):
+        sheet.paste(picture, (0, row * picture.height))
+    palette = sheet.quantize(256, method=Image.Quantize.FASTOCTREE)
+    return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+
+
 def write_animation(images: Sequence[Path], output: Path, pace: Pace,
                     mark: Callable[[Image.Image], object]) -> None:
     """Write a GIF or WebP that loops, as wide as `ANIMATION_BYTES` allow.
@@ -72,8 +88,10 @@ def write_animation(images: Sequence[Path], output: Path, pace: Pace,
     shown[-1] = max(shown[-1], round(1e3 * HOLD))
     with replacing(output) as partial:
         for width in ANIMATION_WIDTHS:
-            first, *others = (scaled(picture, width) for picture in pictures)
-            first.save(partial, save_all=True, append_images=others, duration=shown, loop=0,
-                       **({"quality": 80, "method": 4} if output.suffix == ".webp" else {"optimize": True}))
+            small = [scaled(picture, width) for picture in pictures]
+            options: dict[str, Any] = {"quality": 80, "method": 4}
+            if output.suffix == ".gif":
+                small, options = in_one_palette(small), {"optimize": False}
+            small[0].save(partial, save_all=True, append_images=small[1:], duration=shown, loop=0, **options)
             if partial.stat().st_size <= ANIMATION_BYTES:
                 break

@@ -78,7 +78,8 @@ class SectionPanel:
         side, above = 5.0 * self.unit, 16.0 * self.unit
         self.scale = min((size[0] - 2 * side) / np.ptp(z), (size[1] - 2 * above) / np.ptp(y))
         self.center = np.array([y.mean(), z.mean()])
-        columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+        # Places of the rows and columns of pixels, in nodes of the grid.
+        columns, rows = (np.arange(length) + 0.5 for length in size)
         self._rows = ((self.center[0] - (rows - size[1] / 2) / self.scale) - self.origin[0]) / cell
         self._columns = ((self.center[1] - (columns - size[0] / 2) / self.scale) - self.origin[1]) / cell
         distance = self._sample(signed_distance)
@@ -125,10 +126,7 @@ class SectionPanel:
 
     def _sample(self, values: np.ndarray) -> np.ndarray:
         """Bilinear values at the pixels; the nearest node beyond the border."""
-        import scipy.ndimage
-
-        return scipy.ndimage.map_coordinates(np.asarray(values, np.float32), [self._rows, self._columns], order=1,
-                                             mode="nearest")
+        return _between(_between(np.asarray(values, np.float32), self._rows).T, self._columns).T
 
     def _extent(self, distance: np.ndarray, eye: Eye) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = np.nonzero(distance < 0.0)
@@ -145,8 +143,8 @@ class SectionPanel:
             pixels[distance < WALL_THICKNESS] = WALL
             self.lens_center = None
             return pixels
-        y = self.origin[0] + self._rows * self.cell
-        z = self.origin[1] + self._columns * self.cell
+        y, z = np.meshgrid(self.origin[0] + self._rows * self.cell, self.origin[1] + self._columns * self.cell,
+                           indexing="ij")
         (_, top), (back, apex) = self._extent(field, eye)
         if eye.globe is not None:
             top, back = eye.globe[0], -eye.globe[1]
@@ -235,6 +233,14 @@ def posture(gravity: np.ndarray) -> str:
              "lying on the right side": (-1, 0, 0), "head down": (0, 1, 0)}
     best = max(names, key=lambda name: float(np.dot(names[name], gravity)))
     return best if np.dot(names[best], gravity) / strength > np.cos(np.deg2rad(20.0)) else "between postures"
+
+
+def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Rows (k, m) of ``values`` (n, m) at places (k,) between them, linearly; the first and the last go on."""
+    places = np.clip(places, 0.0, len(values) - 1.0)
+    lower = np.minimum(places.astype(int), len(values) - 2)
+    part = (places - lower).astype(np.float32)[:, None]
+    return (1.0 - part) * values[lower] + part * values[lower + 1]
 
 
 def _eroded(mask: np.ndarray, steps: int) -> np.ndarray:
