@@ -77,8 +77,7 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
         keep_to_one_core()
     if wanted["device"] == "cpu":
         leave_loops_rolled()
-    # Taichi would send its version, the system and a number of this user to its makers: a second of processor time where
-    # nobody answers.
+    # Taichi would send its version, the system and a number of this user to its makers.
     os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
     before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
