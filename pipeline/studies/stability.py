@@ -121,6 +121,14 @@ def tensions(scheme: str) -> Iterator[Verdict]:
         yield from judged(head, tank, [dataclasses.replace(case, duration=duration) for case in cases])
 
 
+def attractions(scheme: str) -> Iterator[Verdict]:
+    """The attraction of the silicone-oil paper, which draws a body of oil together: a pair of particles oscillates."""
+    for name, oil in (("as viscous as oil", hard.OIL), ("as thin as water", Liquid("thin oil", 970.0, 1e-3))):
+        tank = hard.closed_tank(scheme, liquids=(hard.AQUEOUS, oil), effects={"cohesion": {"gamma": 3.0}})
+        case = HardCase(name, duration=0.05 if scheme == "wcsph" else 0.2, works=True)
+        yield from judged("cohesion, gamma 3", tank, [case])
+
+
 def mixtures(scheme: str) -> Iterator[Verdict]:
     """Liquids that change from particle to particle, and a diffusion far above the explicit limit."""
     fast, still = hard.MIXING[1], 2e-3
@@ -151,7 +159,7 @@ def refusals(scheme: str) -> Iterator[Verdict]:
                  refusal="runs out at the drain before the fill is reached")])
 
 
-RUNS = {"closed": (closed,), "open": (opened,), "time_step": (time_steps,), "effects": (tensions, mixtures),
+RUNS = {"closed": (closed,), "open": (opened,), "time_step": (time_steps,), "effects": (tensions, attractions, mixtures),
         "limits": (densities, refusals)}
 PARTLY = "blocks: [{liquid: aqueous, lower: [0, 0], upper: [10 mm, 10 mm]}]\n"
 FULL = "initial: {fill: {aqueous: 50 %, silicone_oil_1000: 50 %}}\n"
