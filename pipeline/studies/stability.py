@@ -159,8 +159,8 @@ def refusals(scheme: str) -> Iterator[Verdict]:
                  refusal="runs out at the drain before the fill is reached")])
 
 
-RUNS = {"closed": (closed,), "open": (opened,), "time_step": (time_steps,), "effects": (tensions, attractions, mixtures),
-        "limits": (densities, refusals)}
+RUNS = {"closed": (closed,), "open": (opened,), "time_step": (time_steps,),
+        "effects": (tensions, attractions, mixtures), "limits": (densities, refusals)}
 PARTLY = "blocks: [{liquid: aqueous, lower: [0, 0], upper: [10 mm, 10 mm]}]\n"
 FULL = "initial: {fill: {aqueous: 50 %, silicone_oil_1000: 50 %}}\n"
 SCENE = """dimension: 2
