@@ -3,11 +3,16 @@
 Comments, docstrings and layout do not count.
 """
 import ast
+import contextlib
 import functools
 import hashlib
+import importlib.util
 import json
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+from pipeline.base.files import replacing
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("pipeline", "sim")
@@ -31,6 +36,10 @@ NAMES_ONLY = ("sim.settings",)
 ASKING = ("pipeline.forecast.phases", "pipeline.measures.events", "pipeline.measures.metric",
           "pipeline.scenes.effects", "pipeline.scenes.fill", "pipeline.simulation.solver_setup")
 
+# What files say, by what they hold, for processes to come: to parse all takes seconds.
+KNOWN = Path(importlib.util.cache_from_source(__file__)).with_suffix(".json")
+MOST_KNOWN = 5000  # files; more are of versions long past
+
 
 def call_digest(module: str, chosen: Iterable[str], values: object) -> str:
     """Return the digest of a call of ``module`` with ``values`` (plain data), with the chosen effects and schemes."""
@@ -43,10 +52,15 @@ def shortened(*texts: str) -> str:
 
 
 def code_used(module: str, chosen: Iterable[str] = ()) -> str:
-    """Return the paths and the code of all that :func:`modules_used` names."""
+    """Return the paths of all that :func:`modules_used` names, and digests of their code."""
+    before = len(_known())
     used = modules_used(module, chosen)
     speaks = _file(ADVICE[0]) in used
-    return "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, speaks)}\n" for path in used)
+    text = "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, speaks)}\n" for path in used)
+    if len(_known()) > before and not sys.dont_write_bytecode:
+        with contextlib.suppress(OSError), replacing(KNOWN) as partial:     # without it the next process parses again
+            partial.write_text(json.dumps(_known()), encoding="utf-8")
+    return text
 
 
 def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
@@ -92,32 +106,69 @@ def _file(name: str) -> Path | None:
     return next((file for file in candidates if file.is_file()), None)
 
 
-def _imports(path: Path) -> Iterable[str]:
+def _imports(path: Path) -> Iterator[str]:
     """Names that a file imports, wherever in the file; ``from a import b`` may mean ``a`` or ``a.b``."""
-    return _parsed(path.read_text(encoding="utf-8"))[0]
+    for module, names in _facts(path)["imports"]:
+        submodules = [f"{module}.{name}" for name in names]
+        yield from (name for name in submodules if _file(name))
+        if not submodules or not all(map(_file, submodules)):
+            yield module
 
 
 def _meaning(path: Path, speaks: bool) -> str:
-    """The code of a file without comments, docstrings and layout; what only speaks counts if `speaks`."""
+    """Digest of the code of a file without comments, docstrings and layout; what only speaks counts if `speaks`."""
     choice = any(path.is_relative_to(ROOT.joinpath(*package.split("."))) for package in CHOICES)
-    return _parsed(path.read_text(encoding="utf-8"), speaks or not choice)[1]
+    return _facts(path)["all" if speaks or not choice else "work"]
 
 
-@functools.cache  # a study of a hundred cases asks for the same files a hundred times
-def _parsed(code: str, speaks: bool = True) -> tuple[tuple[str, ...], str]:
-    """What ``_imports`` and ``_meaning`` say of the code of a file."""
-    tree, imports = ast.parse(code), []
+def _facts(path: Path) -> dict:
+    """What a file imports, and the digests of all its code and of that which does not only speak."""
+    code, known = path.read_text(encoding="utf-8"), _known()
+    name = shortened(_own_code(), code)
+    if name not in known:
+        if len(known) >= MOST_KNOWN:
+            known.clear()
+        known[name] = _read(code)
+    return known[name]
+
+
+@functools.cache
+def _known() -> dict[str, dict]:
+    """What is known of files, by the digest of what they hold."""
+    with contextlib.suppress(OSError, ValueError):
+        if isinstance(known := json.loads(KNOWN.read_text(encoding="utf-8")), dict):
+            return known
+    return {}
+
+
+@functools.cache
+def _own_code() -> str:
+    return Path(__file__).read_text(encoding="utf-8")
+
+
+def _read(code: str) -> dict:
+    """What :func:`_facts` says of the code of a file."""
+    tree = ast.parse(code)
+    imports: list[tuple[str, list[str]]] = []
+    bodies: list[ast.Module | ast.ClassDef] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            imports += [alias.name for alias in node.names]
+            imports += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
-            imports += [name for name in submodules if _file(name)]
-            if not all(map(_file, submodules)):
-                imports.append(node.module)
+            imports.append((node.module, [alias.name for alias in node.names]))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
-        if isinstance(node, ast.Module | ast.ClassDef) and not speaks:
-            node.body = [one for one in node.body if not (isinstance(one, ast.FunctionDef) and (
-                one.name in SPEAKING_HOOKS or one.name.startswith(SPEAKING_PREFIXES)))]
-    return tuple(imports), ast.dump(tree)
+        if isinstance(node, ast.Module | ast.ClassDef):
+            bodies.append(node)
+    everything = work = shortened(ast.dump(tree))
+    if any(map(_speaks, (one for node in bodies for one in node.body))):
+        for node in bodies:
+            node.body = [one for one in node.body if not _speaks(one)]
+        work = shortened(ast.dump(tree))
+    return {"imports": imports, "all": everything, "work": work}
+
+
+def _speaks(node: ast.stmt) -> bool:
+    """Whether a statement of a module or a class is a function that only speaks."""
+    return isinstance(node, ast.FunctionDef) and (
+        node.name in SPEAKING_HOOKS or node.name.startswith(SPEAKING_PREFIXES))
