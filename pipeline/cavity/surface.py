@@ -8,7 +8,6 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.vtk_files import read_vtk, set_text, write_vtk
-from pipeline.cavity.landmarks import laid
 from pipeline.cavity.regions import region_names, regions_of
 from pipeline.scenes.eye_shape import eye_mesh, imaged_volume, published_volume, shape_of
 from pipeline.scenes.model import Container, Eye, Scene
@@ -38,6 +37,7 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
         }
     if not eye.path:
         raise UserError("eye.path: is empty, but eye.model: mesh needs the file of a closed surface")
+    from pipeline.cavity.landmarks import laid
     from pipeline.cavity.mesh_import import import_mesh
 
     imported = import_mesh(eye.path, eye.unit, eye.force, to_origin=eye.landmarks is None)

@@ -1,6 +1,7 @@
 """From the surface of the cavity to packed liquid particles, wall particles and a signed distance grid."""
+from typing import TYPE_CHECKING
+
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
@@ -15,12 +16,15 @@ from sim.effects import REGISTRY
 from sim.packing import pack
 from sim.runtime import initialize
 
+if TYPE_CHECKING:
+    import trimesh
+
 FEWEST_PARTICLES = 200      # below, the cavity is 7 particles wide and a third of them touch the wall
 PACKING_ITERATIONS = 80     # the compression rate has evened out; more lets single particles creep into the wall
 SHALLOWEST = 0.2            # depth in spacings to which the few particles return that packing pushed into the wall
 
 
-def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tuple[dict[str, np.ndarray], dict]:
+def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene") -> tuple[dict[str, np.ndarray], dict]:
     """Fill the cavity with packed liquid particles and line it with wall particles.
 
     Parameters
@@ -68,7 +72,7 @@ def voxelize(scene: Scene, mesh: trimesh.Trimesh, source: str = "scene") -> tupl
     return arrays, report_of(arrays, mesh, compression, int(stray.sum()))
 
 
-def check_points_inside(scene: Scene, mesh: trimesh.Trimesh, distance: SignedDistance, source: str) -> None:
+def check_points_inside(scene: Scene, mesh: "trimesh.Trimesh", distance: SignedDistance, source: str) -> None:
     """Refuse a point of an effect, such as a cannula, outside the cavity."""
     for name, key in [(effect, point) for effect in scene.effects for point in REGISTRY[effect].inside]:
         point = np.array([getattr(scene.effects[name], key)])
@@ -80,7 +84,7 @@ def check_points_inside(scene: Scene, mesh: trimesh.Trimesh, distance: SignedDis
                         "eye, but must lie inside its cavity (origin = center of the globe, z forward)")
 
 
-def report_of(arrays: dict[str, np.ndarray], mesh: trimesh.Trimesh, compression: np.ndarray, strays: int) -> dict:
+def report_of(arrays: dict[str, np.ndarray], mesh: "trimesh.Trimesh", compression: np.ndarray, strays: int) -> dict:
     """Report of the stage: counts, volumes in m3, and spacings as multiples of the particle spacing."""
     spacing = float(arrays["particle_spacing"])
     fluid, walls, depths = arrays["fluid_position"], arrays["wall_position"], arrays["wall_distance"]

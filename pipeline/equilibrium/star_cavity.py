@@ -5,15 +5,18 @@ Equations: docs/methods/equilibrium.md.
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.scenes.eye_shape import shape_of
 from pipeline.scenes.model import Eye
+
+if TYPE_CHECKING:
+    import trimesh
 
 COARSE, DRAFT, FINE = 3, 4, 5   # cuts of an icosahedron: 642, 2,562 and 10,242 directions; edges of 1.7, 0.8, 0.4 mm
 FARTHEST = 45e-3                # m: no wall of an eye is so far from a point in it
@@ -153,7 +156,7 @@ def _viewpoints(eye: Eye, half: float) -> Sequence:
     return [[0.0, 0.0, share * half] for share in VIEWPOINTS]
 
 
-def seeing_all(mesh: trimesh.Trimesh) -> np.ndarray | None:
+def seeing_all(mesh: "trimesh.Trimesh") -> np.ndarray | None:
     """Return the point (3,), m, deepest behind the planes of all triangles; None where no point is behind all."""
     from scipy.optimize import linprog
 

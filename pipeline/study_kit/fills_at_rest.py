@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import pyvista
 from PIL import Image
 
 from pipeline.equilibrium.contact import Contact, retina_masks
@@ -142,6 +141,8 @@ def in_front(rest: Rest) -> float:
 def fundus_maps(cavity: StarCavity, courses: Sequence[Course], chosen: Iterable[int], *,
                 right_eye: bool = True) -> list[Image.Image]:
     """Return maps of the fundus at some fills: hatched is where the courses do not agree."""
+    import pyvista
+
     side = OVERSAMPLING * MAP_SIZE
     chart, images = FundusMap(cavity.wall, (side, side), captions=False, right_eye=right_eye), []
     for n in chosen:
