@@ -36,6 +36,7 @@ FLOW_ROUNDING = 1e-6  # the target counts as met within this, in rest volumes
 WHOLE = 0.02  # of the cavity by which the liquids of a start may miss their shares, since particles are whole
 BINS_PER_SPACING = 4  # shells around cannula and drain in which particles are counted
 MOST_CHANGES = 4096  # particles that split, or merge, in one step
+VOLUME_BITS = 51  # of the cavity's volume to which single ones are summed: twice the cavity's has 52, doubles have 53
 LEAST_LEFT = 0.005  # of the cavity, of the liquid that is drained: fewer particles cannot give way evenly
 FILLED = 1e-3  # share of the cavity by which a fill may miss its target, and no more is injected
 CANNULA, DRAIN, DROPLET = range(3)  # entering liquid at the cannula, leaving liquid at the drain and at the cannula
@@ -159,6 +160,8 @@ class Injection(Effect):
         self.histogram = ti.field(ti.i32, shape=(len(points), self.bins))
         self.partial = partial_results(3)
         self.volumes = ti.field(ti.f64, shape=3)  # of the entering liquid; of the regions at cannula and drain
+        # Sums of whole numbers of it are exact, so that they do not depend on the order of the particles.
+        self.volume_unit = 2.0 ** (math.ceil(math.log2(solver.cavity_volume)) - VOLUME_BITS)
         self.amount = ti.field(ti.f64, shape=())
         self.chosen, self.chosen_id = (ti.field(ti.i32, shape=MOST_CHANGES) for _ in range(2))
         self.chosen_volume = ti.field(ti.f64, shape=MOST_CHANGES)
@@ -262,6 +265,11 @@ class Injection(Effect):
         away = (self.particles.position[i] - self.point[which]).norm()
         return ti.min(ti.cast(away / self.bin_width, ti.i32), self.bins - 1)
 
+    @ti.func
+    def _volume(self, i):
+        """Volume of a particle as a whole number of units, m^3; in single precision it is one already."""
+        return ti.round(ti.cast(self.particles.volume[i], ti.f64) / self.volume_unit) * self.volume_unit
+
     @ti.kernel
     def _measure(self):
         """Volume of the entering liquid, and numbers of particles in shells around cannula and drain."""
@@ -277,7 +285,7 @@ class Injection(Effect):
             total = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 if self.particles.phase[i] == self.entering:
-                    total += self.particles.volume[i]
+                    total += self._volume(i)
             self.partial[0, block] = total
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -306,9 +314,9 @@ class Injection(Effect):
             shrunk = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 if self.particles.phase[i] == self.entering and self._bin(CANNULA, i) < cannula:
-                    grown += self.particles.volume[i]
+                    grown += self._volume(i)
                 if self.particles.phase[i] == self.leaving and self._bin(DRAIN, i) < drain:
-                    shrunk += self.particles.volume[i]
+                    shrunk += self._volume(i)
             self.partial[1, block] = grown
             self.partial[2, block] = shrunk
         ti.loop_config(serialize=True)
@@ -322,9 +330,9 @@ class Injection(Effect):
         for i in range(self.count[None]):
             share = ti.cast(0.0, ti.f64)
             if self.particles.phase[i] == self.entering and self._bin(CANNULA, i) < cannula:
-                share = self.particles.volume[i] / self.volumes[1]
+                share = self._volume(i) / self.volumes[1]
             if self.particles.phase[i] == self.leaving and self._bin(DRAIN, i) < drain:
-                share = -self.particles.volume[i] / self.volumes[2]
+                share = -self._volume(i) / self.volumes[2]
             self.particles.volume_rate[i] = share * self.amount[None] / dt  # (J2)
 
     def _check_liquids(self) -> None:
