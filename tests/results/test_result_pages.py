@@ -143,7 +143,7 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     eye = {row.quantity: row for row in rows_of(project, "eye") if (row.case, row.level) == ("tamponade", "standard")}
     assert eye["fill at the end"].value == "84.9000"
     inferior = eye["retina under the oil, upright: inferior half"]
-    assert (inferior.value, inferior.error, inferior.holds) == ("36", "0.5", "yes")
+    assert (inferior.value, float(inferior.error), inferior.holds) == ("36", 0.5, "yes")
     outside = eye["particles outside the wall, most in any frame"]
     assert (outside.value, outside.holds) == ("3", "no")
     costs = {row.quantity: row.value for row in rows_of(project, "costs") if row.case.startswith("tamponade, 4 s")}
