@@ -447,26 +447,25 @@ class InterfaceTension(Effect):
             middle = self._bin_row(c, k)
             for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
                 away = x - self.sorted_point[p]
-                s = 1.0 - away.norm_sqr() / self.radius**2
-                if s > 0.0:
-                    s2 = s * s
-                    s7 = s2 * s2 * s2 * s
-                    w = self.sorted_area[p] * s7 * s
-                    g = (-2.0 * EXTENSION_POWER / self.radius**2 * self.sorted_area[p] * s7) * away
-                    jump = self.sorted_jump[p] - self.mean_jump[None]
-                    weight += w
-                    value += w * jump
-                    weight_gradient += g
-                    value_gradient += g * jump
+                s = ti.max(1.0 - away.norm_sqr() / self.radius**2, 0.0)     # no branch: rows of points become vectors
+                s2 = s * s
+                s7 = s2 * s2 * s2 * s
+                w = self.sorted_area[p] * s7 * s
+                g = (-2.0 * EXTENSION_POWER / self.radius**2 * self.sorted_area[p] * s7) * away
+                jump = self.sorted_jump[p] - self.mean_jump[None]
+                weight += w
+                value += w * jump
+                weight_gradient += g
+                value_gradient += g * jump
         tail = (TAIL_LENGTH * self.spacing) ** 2
         for p in range(self.group_count[None]):
             away = x - self.group_center[p]
             r2 = away.norm_sqr()
             s = ti.max(1.0 - r2 / self.radius**2, 0.0)
             u = tail / (tail + r2)
-            w = self.group_area[p] * u**self.dimension * (1.0 - s * s)
-            slope = self.group_area[p] * u**self.dimension * (
-                4.0 * s / self.radius**2 - 2.0 * self.dimension / (tail + r2) * (1.0 - s * s))
+            far = self.group_area[p] * u**self.dimension
+            w = far * (1.0 - s * s)
+            slope = 4.0 / self.radius**2 * far * s - 2.0 * self.dimension / tail * u * w
             jump = self.group_jump[p] - self.mean_jump[None]
             weight += w
             value += w * jump

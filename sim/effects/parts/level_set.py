@@ -383,14 +383,13 @@ class LevelSet:
         for k in range(self.band_count[None]):
             n = self.band[k]
             p = phi[n]
+            side = ti.select(p > 0.0, 1.0, -1.0)
             square = 0.0
             for d in ti.static(range(self.dimension)):
-                back = (p - phi[n - self.steps[d]]) / self.cell
-                ahead = (phi[n + self.steps[d]] - p) / self.cell
-                if p > 0.0:
-                    square += ti.max(ti.max(back, 0.0) ** 2, ti.min(ahead, 0.0) ** 2)
-                else:
-                    square += ti.max(ti.min(back, 0.0) ** 2, ti.max(ahead, 0.0) ** 2)
+                back = side * (p - phi[n - self.steps[d]])
+                ahead = side * (p - phi[n + self.steps[d]])
+                square += ti.max(back, ahead, 0.0) ** 2
+            square /= self.cell * self.cell
             sign = p / ti.sqrt(p * p + self.cell * self.cell)
             target[n] = p - self.redistancing_step * sign * (ti.sqrt(square) - 1.0)
         for slot in range(self.shallow_count[None]):
