@@ -182,8 +182,8 @@ FAULTS = (
           "test_conserves_everything"),
     # Injection, collision, elastic liquids, XSPH
     Fault("injection_volume", "half as much liquid leaves at the drain as enters at the cannula",
-          "share = -self.particles.volume[i] / self.volumes[2]",
-          "share = -0.5 * self.particles.volume[i] / self.volumes[2]",
+          "share = -self._volume(i) / self.volumes[2]",
+          "share = -0.5 * self._volume(i) / self.volumes[2]",
           "test_the_cavity_stays_full"),
     Fault("injection_split", "a particle that splits keeps all of its mass",
           "self.particles.mass[i] *= 0.5",
