@@ -126,8 +126,8 @@ class VolumeIncompressible(Scheme):
         mean = float(self.compression_mean[None])
         if mean > CROWDED:
             raise RunError(f"step {self.solver.step_count}, at {self.solver.time:.6g} s: the liquids have crowded to "
-                           f"{mean:.2f} times their density in the mean and leave a part of the full cavity void; a "
-                           "smaller numerics.maximum_time_step may hold them, or weaker forces")
+                           f"{mean:.2f} times their density in the mean and leave a part of the full cavity void; "
+                           "weaker forces between particles may hold them, more viscosity, or another numerics.scheme")
 
     def _press(self, dt: float) -> None:
         """Let the pressure of the last step act, so that implicit viscosity sees forces that nearly balance.
