@@ -67,6 +67,25 @@ def test_slides_and_papers_get_pictures_of_a_bounded_size(tmp_path, monkeypatch,
     np.testing.assert_array_equal(np.asarray(sheet)[-180:, -320:], last)
 
 
+def test_animation_keeps_the_colors_of_small_marks_among_shades(tmp_path):
+    """A median cut over the same shades makes the marks brown and gray."""
+    marks = {(5, 5): (213, 94, 0), (5, 20): (120, 94, 240)}                       # cannula and drain
+    shade = np.linspace(0.0, 1.0, 320)[None, :, None] * [255.0, 230.0, 60.0] + np.zeros((180, 1, 1))
+    for index in range(12):
+        pixels = (0.9 * shade + index).astype(np.uint8)
+        for (row, column), color in marks.items():
+            pixels[row:row + 6, column:column + 6] = color
+        Image.fromarray(pixels).save(tmp_path / f"frame_{index:05d}.png")
+    movie.main([str(tmp_path), "--output", str(tmp_path / "movie.mp4"), "--animation", str(tmp_path / "movie.gif")])
+    animation = Image.open(tmp_path / "movie.gif")
+    for frame in (0, animation.n_frames - 1):
+        animation.seek(frame)
+        shown = np.asarray(animation.convert("RGB")).astype(int)
+        for (row, column), color in marks.items():
+            assert np.abs(shown[row + 3, column + 3] - color).max() <= 8
+        assert np.abs(shown[60:] - (0.9 * shade[60:] + frame)).mean() < 8.0
+
+
 @pytest.mark.parametrize(("pictures", "interval"), [(5, 0.05), (41, 0.1), (1000, 0.01), (361, 10.0), (1, 1.0)])
 def test_movies_of_any_scene_last_eight_seconds_and_play_on_any_player(pictures, interval):
     pace = pace_of(pictures, interval)
