@@ -43,7 +43,7 @@ class EyeView:
         self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), shape=(len(HALVES), 1), border=False,
                                        lighting="light kit")
         self.plotter.set_background("white", all_renderers=True)
-        self.plotter.render_window.SetMultiSamples(0)       # the large canvas is averaged; this would double the time
+        self.plotter.disable_anti_aliasing()    # the large canvas is averaged; samples would double the time
         self._changing: list = []
         center = np.array(eye.center)
         landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 350)

@@ -11,7 +11,7 @@ from pipeline.base.memory import LIBRARIES, address_space
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 WINDOWS = {"default": None, "EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
 SECONDS = 600  # after which a trial hangs; on a busy computer one that does not has taken more than 60
-# VTK alone: it starts in a third of the time of pyvista.
+# VTK alone: it starts in less than half of the time of pyvista.
 PROBE = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkFiltersSources import vtkSphereSource
