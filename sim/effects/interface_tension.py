@@ -37,6 +37,7 @@ DRAWN_IN = 0.36  # the zero of the level set is drawn in by 0.36 kappa dx^2 by s
 # packed spheres of 3 and 4 dx and circles of 4 to 10 dx; a drop of 4 dx looks 13 % too small in volume
 EXTENSION_RADIUS = 4.0  # reach R of single points of the interface in the extension of M, in particle spacings
 EXTENSION_POWER = 8  # their weight is (1 - r^2/R^2)^8
+SLICES = 4  # bins of points along R in rows of bins, which are as wide as R: few points beyond R are looked at
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
 # 30 % too slowly)
@@ -119,12 +120,15 @@ class InterfaceTension(Effect):
         self.body_force = ti.Vector.field(self.dimension, real(), shape=())  # b, N/m^3
         self.radius = EXTENSION_RADIUS * self.spacing
         extent = (np.array(self.grid.shape) - 1) * self.grid.cell
-        self.bins = [int(n) for n in np.ceil(extent / self.radius) + 3]
+        cubes = [int(n) for n in np.ceil(extent / self.radius) + 3]  # of slices: the points of one make a group
+        self.bins = [SLICES * cubes[0], *cubes[1:]]
+        self.slice = self.radius / SLICES
         self.bin_strides = [int(np.prod(self.bins[:d])) for d in range(self.dimension)]
         self.bin_start = ti.field(ti.i32, shape=int(np.prod(self.bins)) + 1)
         self.bin_fill = ti.field(ti.i32, shape=int(np.prod(self.bins)) + 1)
         self.bin_origin = ti.Vector([float(v) for v in self.grid.origin_numpy - self.radius])
-        groups = min(capacity, int(np.prod(self.bins)))
+        self.cube_count = int(np.prod(cubes))
+        groups = min(capacity, self.cube_count)
         self.group_center = ti.Vector.field(self.dimension, real(), shape=groups, layout=ti.Layout.SOA)
         self.group_area, self.group_jump = (ti.field(real(), shape=groups) for _ in range(2))
         self.group_count = ti.field(ti.i32, shape=())
@@ -292,11 +296,22 @@ class InterfaceTension(Effect):
             self.particles.color[i] = c
 
     @ti.func
+    def _slice(self, x):
+        """Bin of a place along the first axis, never one of the outermost cubes."""
+        c = ti.cast(ti.floor((x - self.bin_origin[0]) / self.slice), ti.i32)
+        return ti.min(ti.max(c, SLICES), self.bins[0] - SLICES - 1)
+
+    @ti.func
+    def _row(self, x, d: ti.template()):
+        """Bin of a place along another axis, never one of the outermost."""
+        c = ti.cast(ti.floor((x - self.bin_origin[d]) / self.radius), ti.i32)
+        return ti.min(ti.max(c, 1), self.bins[d] - 2)
+
+    @ti.func
     def _bin(self, x):
-        index = 0
-        for d in ti.static(range(self.dimension)):
-            c = ti.cast(ti.floor((x[d] - self.bin_origin[d]) / self.radius), ti.i32)
-            index += ti.min(ti.max(c, 1), self.bins[d] - 2) * self.bin_strides[d]
+        index = self._slice(x[0])
+        for d in ti.static(range(1, self.dimension)):
+            index += self._row(x[d], d) * self.bin_strides[d]
         return index
 
     @ti.func
@@ -399,13 +414,13 @@ class InterfaceTension(Effect):
 
     @ti.kernel
     def _group_points(self):
-        """Area, center and mean M of the points in every bin that has any."""
+        """Area, center and mean M of the points in every cube of bins that has any."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             groups = 0
-            for c in range(self.bin_fill.shape[0]):
+            for cube in range(self.cube_count):
                 area, jump, center = 0.0, 0.0, self.body_force[None] * 0.0
-                for p in range(self.bin_start[c], self.bin_fill[c]):
+                for p in range(self.bin_start[SLICES * cube], self.bin_start[SLICES * (cube + 1)]):
                     area += self.sorted_area[p]
                     jump += self.sorted_area[p] * self.sorted_jump[p]
                     center += self.sorted_area[p] * self.sorted_point[p]
@@ -417,21 +432,30 @@ class InterfaceTension(Effect):
             self.group_count[None] = groups
 
     @ti.func
-    def _bin_row(self, c, k):
-        """Middle bin of the k-th of the rows of three bins around bin c."""
-        first = c + (k % 3 - 1) * self.bin_strides[1]
-        if ti.static(self.dimension == 3):
-            first += (k // 3 - 1) * self.bin_strides[self.dimension - 1]
-        return first
+    def _near_points(self, x, k, reach):
+        """First sorted point, and the one after the last, of those in the k-th row of bins around x that may lie within
+        `reach`, R at most.
+        """
+        row, rest, square = 0, k, reach * reach
+        for d in ti.static(range(1, self.dimension)):
+            c = self._row(x[d], d) + rest % 3 - 1
+            rest = rest // 3
+            row += c * self.bin_strides[d]
+            low = self.bin_origin[d] + c * self.radius
+            square -= ti.max(low - x[d], x[d] - low - self.radius, 0.0) ** 2
+        begin, end = 0, 0
+        if square > 0.0:
+            begin = self.bin_start[row + self._slice(x[0] - ti.sqrt(square))]
+            end = self.bin_start[row + self._slice(x[0] + ti.sqrt(square)) + 1]
+        return begin, end
 
     @ti.func
     def _near_interface(self, x):
         """True with a point of the interface within `SEEN` spacings of x."""
         near = False
-        c = self._bin(x)
         for k in range(3 ** (self.dimension - 1)):
-            middle = self._bin_row(c, k)
-            for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
+            begin, end = self._near_points(x, k, SEEN * self.spacing)
+            for p in range(begin, end):
                 near = near or (x - self.sorted_point[p]).norm_sqr() < (SEEN * self.spacing) ** 2
         return near
 
@@ -442,10 +466,9 @@ class InterfaceTension(Effect):
         value = 0.0
         weight_gradient = x * 0.0
         value_gradient = x * 0.0
-        c = self._bin(x)
         for k in range(3 ** (self.dimension - 1)):
-            middle = self._bin_row(c, k)
-            for p in range(self.bin_start[middle - 1], self.bin_start[middle + 2]):
+            begin, end = self._near_points(x, k, self.radius)
+            for p in range(begin, end):
                 away = x - self.sorted_point[p]
                 s = ti.max(1.0 - away.norm_sqr() / self.radius**2, 0.0)     # no branch: rows of points become vectors
                 s2 = s * s
