@@ -18,6 +18,7 @@ from pipeline.base import energies
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.tables import write_table
+from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, place_metrics, rotation_metrics
 from pipeline.measures.events import events_of
@@ -226,6 +227,7 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path],
                 row |= one.columns(state)
             for column, number in row.items():
                 table.setdefault(column, []).append(number)
+            frame_done()
             bar.update(1)
     return {column: np.array(numbers, float) for column, numbers in table.items()}
 

@@ -15,6 +15,7 @@ from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.threads import checked_threads
+from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
@@ -143,6 +144,7 @@ def main(arguments: list[str] | None = None) -> None:
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
         for path in paths:
             write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats, wall)
+            frame_done()
             bar.update()
 
 

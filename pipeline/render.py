@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.usage import frame_done
 from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.container_picture import ContainerRenderer
@@ -242,6 +243,7 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
                 else:
                     picture = renderer.picture(frame, meshes)
                 picture.save(folder / f"{path.stem}.png")
+                frame_done()
                 bar.update()
     finally:
         renderer.close()

@@ -21,6 +21,8 @@ from sim.cores import available_cores
 ASKED = "STAGE_USAGE"
 LIBRARIES = ("OMP_NUM_THREADS", "VTK_SMP_MAX_THREADS", "LP_NUM_THREADS")  # what tells them their threads
 KINDS = ("wall", "cpu")  # seconds on the clock, seconds of all cores
+OF_A_FRAME = tuple(f"frame_{kind}" for kind in KINDS)
+_frames: list[dict[str, float]] = []  # what this process had taken when it had finished each of its frames
 
 
 def usage() -> dict[str, float]:
@@ -37,14 +39,31 @@ def at_least(wall: float, cpu: float) -> float:
     return max(wall, cpu / available_cores())
 
 
+def frame_done() -> None:
+    """Note that this process has finished a frame, where its environment asks for what it takes."""
+    if ASKED in os.environ:
+        _frames.append(usage())
+
+
+def of_a_frame() -> dict[str, float]:
+    """Return what a frame took: frame_wall and frame_cpu, s; nothing of fewer than two frames.
+
+    The mean of all but the first, with which a process loads what it needs.
+    """
+    if len(_frames) < 2:
+        return {}
+    return {name: (_frames[-1][kind] - _frames[0][kind]) / (len(_frames) - 1)
+            for name, kind in zip(OF_A_FRAME, KINDS, strict=True)}
+
+
 def write_if_asked() -> None:
     """Write what this process has taken, where its environment asks for it."""
     if ASKED in os.environ:
-        write_text(os.environ[ASKED], json.dumps(usage()) + "\n")
+        write_text(os.environ[ASKED], json.dumps(usage() | of_a_frame()) + "\n")
 
 
 def read_usage(path: Path) -> dict[str, float]:
-    """Read what a stage has written.
+    """Read what a stage has written: wall, cpu (s), memory (bytes), and where it knows them frame_wall, frame_cpu (s).
 
     Raises
     ------
@@ -52,7 +71,7 @@ def read_usage(path: Path) -> dict[str, float]:
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        return {key: float(found[key]) for key in (*KINDS, "memory")}
+        return {key: float(found[key]) for key in (*KINDS, "memory", *(set(OF_A_FRAME) & set(found)))}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path}: does not hold what a stage took ({error}); run the stage again") from error
 

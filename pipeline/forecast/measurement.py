@@ -29,7 +29,7 @@ PROBE_SECONDS, REHEARSAL_SECONDS = 80.0, 60.0
 # enough that liquids fall and meet as more of them do, and few enough for its time.
 REHEARSED, FEWEST_REHEARSED, MOST_REHEARSED = 0.25, 1000, 4000
 LEAST_SPACING_RATIO = 1.2  # of two rehearsals, below which they tell nothing of how splashes change with the spacing
-FRAMES, SHORT = 5, 10.0  # frames of the second run of a stage; s of all cores, above which one run will do
+FRAMES = ((20_000, 5), (200_000, 2))  # up to so many particles, so many frames are made of a stage; of more, one
 STAGES = ("reconstruct", "render", "metrics")
 
 
@@ -109,7 +109,8 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
     took = run_stage("forecast.probe", resolved, initial, "--phases", work / "phases.json", "--seconds", PROBE_SECONDS,
                      *(("--start", start) if start else ()), "--output", work / "probe.json", quiet=False)
     probe = json.loads((work / "probe.json").read_text())
-    stages |= {stage: time_stage(stage, resolved, initial, mesh, work) for stage in STAGES}
+    frames = next((frames for most, frames in FRAMES if probe["particles"] <= most), 1)
+    stages |= {stage: time_stage(stage, resolved, initial, mesh, work, frames) for stage in STAGES}
     return {
         "probe": probe, "rehearsals": [] if scene.closed else [
             {"spacing": spacing} | rehearse(coarser(scene, spacing), work / f"rehearsal_{index}")
@@ -119,33 +120,27 @@ def measure(scene: Scene, folder: Path, work: Path, made: tuple[Path, Path] | No
         "memory": took["memory"]}
 
 
-def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path) -> dict:
-    """Run a stage after the simulation on one frame, and where that is short on several; with one thread, as Snakemake.
+def time_stage(stage: str, scene: Path, initial: Path, mesh: Path, work: Path, count: int) -> dict:
+    """Run a stage after the simulation on so many frames; with one thread, as Snakemake.
 
     Returns
     -------
     start, frame : wall and cpu, s, of a process and of a frame; memory, disk : bytes, disk for each frame.
     """
-    runs = []
-    for count in (1, FRAMES):
-        made = work / f"frames_{count}"
-        frames = made / "frames"
-        _link_frames(work / "frames", frames, count)
-        output = {"reconstruct": made / "surfaces", "render": made / "images", "metrics": made / "metrics.csv"}[stage]
-        more = {"reconstruct": ("--eye", mesh, "--threads", 1), "render": (), "metrics": (
-            "--summary", made / "metrics.html", "--plots", made / "plots", "--eye", mesh)}[stage]
-        given = (mesh, frames, made / "surfaces") if stage == "render" else (frames,)
-        runs.append(run_stage(stage, scene, initial, *given, "--output", output, *more, threads=1)
-                    | {"disk": size_of(output) / count})
-        if runs[0]["cpu"] > SHORT:
-            break
-    few, many = runs[0], runs[-1]
-    # A long run is nearly all its frame: a start counted with it errs on the safe side.
-    frame = {kind: max(0.0, many[kind] - few[kind]) / (FRAMES - 1) if len(runs) > 1 else few[kind] for kind in KINDS}
-    start = {kind: max(0.0, few[kind] - frame[kind]) for kind in KINDS}
+    made = work / "made"
+    frames = made / "frames"
+    _link_frames(work / "frames", frames, count)
+    output = made / {"reconstruct": "surfaces", "render": "images", "metrics": "metrics.csv"}[stage]
+    more = {"reconstruct": ("--eye", mesh, "--threads", 1), "render": (), "metrics": (
+        "--summary", made / "metrics.html", "--plots", made / "plots", "--eye", mesh)}[stage]
+    given = (mesh, frames, made / "surfaces") if stage == "render" else (frames,)
+    took = run_stage(stage, scene, initial, *given, "--output", output, *more, threads=1)
+    # Of one frame alone the whole run is taken: a start counted with it errs on the safe side.
+    frame = {kind: took.get(f"frame_{kind}", took[kind]) for kind in KINDS}
+    start = {kind: max(0.0, took[kind] - count * frame[kind]) for kind in KINDS}
     for one in (frame, start):
         one["wall"] = at_least(one["wall"], one["cpu"])
-    return {"start": start, "frame": frame, "memory": many["memory"], "disk": many["disk"]}
+    return {"start": start, "frame": frame, "memory": took["memory"], "disk": size_of(output) / count}
 
 
 def _link_frames(source: Path, folder: Path, count: int) -> None:
