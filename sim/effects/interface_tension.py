@@ -25,6 +25,7 @@ import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
 from sim.effects.effect import MIXES, PULLS, Effect
+from sim.effects.parts.contact_line import fastest_retreat
 from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
@@ -180,6 +181,7 @@ class InterfaceTension(Effect):
                      f"from {ROUND_BOND:g} to {FLAT_BOND:g}, so it curves a rim of {times(rim, scales)}")
             yield Advice(SEEN_EFFECT, cls.name, f"Bo = {bond:.3g} is {shape}")
             yield cls._advice_on_wetting(parameters.contact_angle, scales, min(rim, scales.length))
+            yield from cls._advice_on_retreat(parameters.contact_angle, scales)
 
     @classmethod
     def _advice_on_wetting(cls, angle: float, scales, rim: float) -> Advice:
@@ -188,6 +190,24 @@ class InterfaceTension(Effect):
         text = (f"a contact angle of {math.degrees(angle):g} deg bends the interface at the wall by "
                 f"{times(climb, scales)}")
         return Advice(SEEN_EFFECT if is_seen(climb, scales) else NOTE, cls.name, text)
+
+    @classmethod
+    def _retreats(cls, angle: float, scales) -> dict[str, float]:
+        """Liquid -> speed at which it can leave the wall at most, m/s; none where viscosity does not hold it."""
+        if not (scales.tension and scales.viscous and all(one.dynamic_viscosity > 0.0 for one in scales.liquids)):
+            return {}
+        first, second = scales.liquids
+        return {one.name: fastest_retreat(own, scales.tension, one.dynamic_viscosity, other.dynamic_viscosity,
+                                          scales.length)
+                for one, other, own in ((first, second, angle), (second, first, math.pi - angle)) if own > 0.0}
+
+    @classmethod
+    def _advice_on_retreat(cls, angle: float, scales):
+        for name, speed in cls._retreats(angle, scales).items():
+            if speed * scales.duration < scales.length:
+                yield Advice(NOTE, cls.name, f"{name} leaves the wall at {shown(speed, 'm/s')} at most (Cox 1986), so "
+                                             f"within the scene by {times(speed * scales.duration, scales)}: what is "
+                                             "wetted may not be at rest when it ends")
 
     @classmethod
     def _advice_on_its_lack(cls, scales):
@@ -239,6 +259,9 @@ class InterfaceTension(Effect):
         if scales.viscous and viscosity > 0.0:
             yield Quantity("capillary, viscous", viscosity * length / tension, "s",
                            "mu L/sigma of the stiffest liquid: tension against viscosity")
+        for name, speed in cls._retreats(parameters.contact_angle, scales).items():
+            yield Quantity(f"contact line, {name}", length / speed, "s",
+                           f"L over the {shown(speed, 'm/s')} at which this liquid leaves the wall at most (Cox 1986)")
 
     @classmethod
     def wave_speeds(cls, parameters, scales):

@@ -1,0 +1,69 @@
+"""How fast a contact line can move, beside the flow in its corners solved as it stands."""
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.advice.report import report_of
+from pipeline.scenes.load import load_scene
+from sim.effects.parts.contact_line import fastest_retreat, turning
+
+CAVITY = 5.06e-6  # m3
+SCENES = Path("config/scenes")
+
+
+def solutions(angle):
+    """F, F', F'' and F''' of the four creeping flows r F(angle) in a corner, (4, 4)."""
+    s, c = math.sin(angle), math.cos(angle)
+    return np.array([[c, s, angle * c, angle * s], [-s, c, c - angle * s, s + angle * c],
+                     [-c, -s, -2.0 * s - angle * c, 2.0 * c - angle * s],
+                     [s, -c, -3.0 * c + angle * s, -3.0 * s - angle * c]])
+
+
+def solved(angle, ratio):
+    """Difference of the pressures at the interface over mu U/r: what turns it, over its capillary number.
+
+    The wall moves with speed 1, through the first liquid's corner from 0 to `angle` and out of that of the other one;
+    the interface stands, and both liquids have one speed and one shear stress there.
+    """
+    matrix, right = np.zeros((8, 8)), np.zeros(8)
+    first, middle, last = solutions(0.0), solutions(angle), solutions(math.pi)
+    matrix[0, :4], matrix[1, :4], right[1] = first[0], first[1], 1.0
+    matrix[2, 4:], matrix[3, 4:], right[3] = last[0], last[1], -1.0
+    matrix[4, :4] = matrix[5, 4:] = middle[0]
+    matrix[6] = np.concatenate([middle[1], -middle[1]])
+    matrix[7] = np.concatenate([middle[2], -ratio * middle[2]])
+    flow = np.linalg.solve(matrix, right)
+    return (middle[3] + middle[1]) @ (flow[:4] - ratio * flow[4:])
+
+
+@pytest.mark.parametrize("angle", [0.1, math.radians(18.2), 1.0, 2.5])
+@pytest.mark.parametrize("ratio", [0.0, 1e-3, 1.0, 970.0])
+def test_an_interface_turns_as_creeping_flow_in_both_corners_has_it(angle, ratio):
+    assert turning(angle, ratio) == pytest.approx(solved(angle, ratio), rel=1e-8)
+
+
+def test_a_liquid_under_gas_leaves_a_wall_by_the_law_of_the_cube_of_its_angle():
+    """angle^3/9 for small angles; 1 % allows for 30 degrees."""
+    speed = fastest_retreat(math.radians(30.0), 0.07, 1e-3, 1e-9, 1e-2)
+    assert speed == pytest.approx(0.07 / 1e-3 * math.radians(30.0) ** 3 / 9.0 / math.log(1e7), rel=0.01)
+
+
+def test_a_thick_liquid_beside_it_holds_a_thin_one_at_the_wall():
+    angle = math.radians(18.2)
+    under_oil, alone = (fastest_retreat(angle, 0.04, 1e-3, other, 1e-2) for other in (0.97, 1e-3))
+    assert under_oil < 0.2 * alone
+
+
+def test_advice_tells_that_aqueous_under_oil_has_not_left_the_wall_when_the_scene_ends():
+    report = report_of(load_scene(SCENES / "tamponade.yaml", "draft"), CAVITY)
+    time = next(one.value for one in report.times if one.name == "contact line, aqueous")
+    assert time == pytest.approx(6.5, abs=0.1)  # 10.6 mm at 1.63 mm/s
+    said = [one.sentence for one in report.advice if "leaves the wall" in one.sentence]
+    assert len(said) == 1 and said[0].startswith("aqueous leaves the wall at 1.63 mm/s at most")
+
+
+def test_liquids_without_tension_have_no_contact_line_to_tell_of():
+    scene = load_scene(SCENES / "still_eye.yaml", "draft")
+    assert not [one for one in report_of(scene, CAVITY).times if one.name.startswith("contact line")]
