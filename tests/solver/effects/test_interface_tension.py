@@ -94,6 +94,31 @@ def test_liquid_of_sixty_degrees_climbs_the_wall():
     assert 0.35 * final < meniscus(solver, 0.5 * BOX[0]) < 1.1 * final
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_jump_at_a_particle_is_the_mean_over_all_points_of_the_interface_in_reach(dimension):
+    """(I7) with every point: the bins that points are sorted into leave none out."""
+    radius, reach, tail = 3.5 * SPACING, 4.0 * SPACING, 1.5 * SPACING
+    solver = with_tension(cavities.cavity("circle", 6.0 * SPACING, dimension), 90.0,
+                          lambda x: np.linalg.norm(x, axis=1) < radius)
+    solver.prepare_output()
+    tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    position, jump, weight = cavities.read(solver, "position", "jump", "jump_weight")
+    position, jump = position[weight > 0.5], jump[weight > 0.5]
+    points, groups = tension.point_count[None], tension.group_count[None]
+    sums = []
+    for place, area, value, number in (
+            (tension.sorted_point, tension.sorted_area, tension.sorted_jump, points),
+            (tension.group_center, tension.group_area, tension.group_jump, groups)):
+        place, area, value = (field.to_numpy()[:number] for field in (place, area, value))
+        square = ((position[:, None] - place) ** 2).sum(-1)
+        near = np.maximum(1.0 - square / reach**2, 0.0)
+        share = near**8 if number == points else (1.0 - near**2) * (tail**2 / (tail**2 + square)) ** dimension
+        sums.append((area * share, value))
+    expected = sum((share * value).sum(1) for share, value in sums) / sum(share.sum(1) for share, _ in sums)
+    assert points > 50 and groups > 4 and len(jump) > 20
+    np.testing.assert_allclose(jump, expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_force_of_the_jump_is_its_gradient_and_no_thin_shell(dimension):
     """grad M by central differences; and M of a heavy drop, whose weight tilts it, changes over the whole drop.
