@@ -21,6 +21,21 @@ os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 
 
+def thorough() -> set[str]:
+    """Return the tests of thorough.txt, each as ``file::name`` or, one of several, ``file::name[case]``."""
+    lines = (ROOT / "tests" / "thorough.txt").read_text(encoding="utf-8").splitlines()
+    return {line for line in lines if line and not line.startswith("#")}
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m is looked at
+def pytest_collection_modifyitems(items):
+    """Mark the tests that `./run test` leaves to `./run test -m thorough`."""
+    listed = thorough()
+    for item in items:
+        if {item.nodeid, item.nodeid.partition("[")[0]} & listed:
+            item.add_marker(pytest.mark.thorough)
+
+
 def pytest_collection_finish():
     """Leave all that was imported to itself: looking for solvers that are no longer in use is a matter of ms then."""
     gc.collect()
