@@ -17,6 +17,8 @@ ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
 # limit of 100 MB is less than the tests need, and what is over it would be compiled again.
 COMPILED = ROOT / ".pytest_cache" / "taichi"
+# Files of tests are taken in this order, else one of them would be left to one process at the end.
+LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 
@@ -29,11 +31,17 @@ def thorough() -> set[str]:
 
 @pytest.hookimpl(tryfirst=True)  # before -m is looked at
 def pytest_collection_modifyitems(items):
-    """Mark the tests that `./run test` leaves to `./run test -m thorough`."""
+    """Mark the tests that `./run test` leaves out and `./run test -m 'not slow'` does not; long ones come first."""
     listed = thorough()
     for item in items:
         if {item.nodeid, item.nodeid.partition("[")[0]} & listed:
             item.add_marker(pytest.mark.thorough)
+
+    def place(item) -> int:
+        folder = item.path.parent.relative_to(ROOT / "tests").parts[:1]
+        return LONG_FIRST.index(folder[0]) if folder and folder[0] in LONG_FIRST else len(LONG_FIRST)
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish():
