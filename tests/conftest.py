@@ -38,8 +38,8 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.thorough)
 
     def place(item) -> int:
-        folder = item.path.parent.relative_to(ROOT / "tests").parts[:1]
-        return LONG_FIRST.index(folder[0]) if folder and folder[0] in LONG_FIRST else len(LONG_FIRST)
+        room = item.nodeid.removeprefix("tests/").partition("/")[0]
+        return LONG_FIRST.index(room) if room in LONG_FIRST else len(LONG_FIRST)
 
     items.sort(key=place)
 
