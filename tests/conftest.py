@@ -17,10 +17,13 @@ ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
 # limit of 100 MB is less than the tests need, and what is over it would be compiled again.
 COMPILED = ROOT / ".pytest_cache" / "taichi"
-# Files of tests are taken in this order, else one of them would be left to one process at the end.
-LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
+# Files of tests are taken in this order, else one of them would be left to one process at the end.
+LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
+
+
+NOT_FOUND = pytest.StashKey[list[str]]()  # lines of thorough.txt that name no test
 
 
 def thorough() -> set[str]:
@@ -30,12 +33,16 @@ def thorough() -> set[str]:
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m is looked at
-def pytest_collection_modifyitems(items):
-    """Mark the tests that `./run test` leaves out and `./run test -m 'not slow'` does not; long ones come first."""
+def pytest_collection_modifyitems(config, items):
+    """Mark the tests of thorough.txt, and take the rooms with long tests first."""
     listed = thorough()
+    found = set()
     for item in items:
-        if {item.nodeid, item.nodeid.partition("[")[0]} & listed:
+        if names := {item.nodeid, item.nodeid.partition("[")[0]} & listed:
             item.add_marker(pytest.mark.thorough)
+            found |= names
+    if config.args_source is config.ArgsSource.TESTPATHS:  # all tests are here
+        config.stash[NOT_FOUND] = sorted(listed - found)
 
     def place(item) -> int:
         room = item.nodeid.removeprefix("tests/").partition("/")[0]
