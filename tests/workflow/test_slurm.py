@@ -3,6 +3,7 @@
 `./run test -m slow tests/workflow/test_slurm.py`; needs the Debian packages `slurm-wlm` and `munge`, and the extra
 `slurm` of this project. It takes some minutes.
 """
+import contextlib
 import importlib.util
 import os
 import shutil
@@ -203,7 +204,8 @@ def test_all_runs_on_a_cluster_whatever_happens_to_its_jobs_and_its_node(cluster
         second = wait_for(lambda: processes_of("simulate", project.folder) and cluster.jobs("simulate", "RUNNING"),
                           run=run)[0]
         for process in processes_of("simulate", project.folder):
-            os.kill(process, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):  # it has ended in the meantime
+                os.kill(process, signal.SIGKILL)
         wait_for(lambda: second in cluster.jobs("simulate", "FAILED"), run=run)
         say(f"job {second} (simulate) killed with -9")
         third = wait_for(lambda: set(cluster.jobs("simulate", "COMPLETED")) - {first}, run=run).pop()
