@@ -16,17 +16,15 @@ RAMP = 0.01    # s
 FILL = 0.25
 
 
-@pytest.fixture(scope="module")
-def runs(circle, single_precision):
-    return {"f64": cavities.watched(cavities.injected(circle, "f64")),
-            "f32": {name.removeprefix("injection."): values for name, values in single_precision("injection").items()
-                    if name.startswith("injection.")}}
-
-
 # Round-off of the volumes, relative to the cavity: every step rounds some 50 of the 314 volumes once.
-@pytest.fixture(params=[("f64", 1e-13), ("f32", 2e-6)], ids=["f64", "f32"])
-def record(request, runs):
-    return runs[request.param[0]], request.param[1]
+@pytest.fixture(scope="module", params=[("f64", 1e-13), ("f32", 2e-6)], ids=["f64", "f32"])
+def record(request, circle):
+    precision, rounding = request.param
+    if precision == "f64":
+        return cavities.watched(cavities.injected(circle, precision)), rounding
+    of_cases = request.getfixturevalue("single_precision")("injection")
+    return {name.removeprefix("injection."): values for name, values in of_cases.items()
+            if name.startswith("injection.")}, rounding
 
 
 def test_the_cavity_stays_full(record):
