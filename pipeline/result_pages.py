@@ -178,8 +178,9 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
 def benchmark_rows(root: Path) -> list[Row]:
     """Return the numbers of the README that the benchmarks have in a table of their own."""
     with (root / PEERS).open(newline="", encoding="utf-8") as file:
-        return [Row("", f"{line['program']}, {line['particles']}", "times as fast as SPlisHSPlasH",
-                    f"{float(line['wall_ratio']):.1f}", size=f"{int(line['particles']):,} particles",
+        return [Row("", f"{line['program']}, {line['particles']}, liquids {line['liquids']}",
+                    "times as fast as SPlisHSPlasH", f"{float(line['wall_ratio']):.1f}",
+                    size=f"{int(line['particles']):,} particles",
                     command="python benchmarks/dam_break/compare.py") for line in csv.DictReader(file)]
 
 

@@ -1,6 +1,7 @@
 """The dam: a cube of n^3 particles that collapses in a box, the same for both programs (NumPy only).
 
-A lattice of spacing dx = 1/n fills [-1, 0] x [0, 1] x [-0.5, 0.5] m; the box is [-1, 1] x [0, 2] x [-0.5, 0.5] m.
+A lattice of spacing dx = 1/n fills [-1, 0] x [0, 1] x [-0.5, 0.5] m; the box is [-1, 1] x [0, 2] x [-0.5, 0.5] m. Of
+two liquids the first is the lower half, and both have a tension (Akinci et al. 2013, eqs. 1 and 3).
 """
 import json
 import time
@@ -9,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 GRAVITY = 9.81  # m/s^2
-DENSITY = 1000.0  # kg/m^3
+DENSITIES = {1: (1000.0,), 2: (1000.0, 800.0)}  # kg/m^3, by the number of liquids
+TENSION = {1: 0.0, 2: 1.0}  # coefficient of cohesion and of curvature
 KINEMATIC_VISCOSITY = 0.01  # m^2/s
 TIME_STEP = 1e-3  # s
 DENSITY_ERROR = 1e-4  # mean relative compression that the density solve may leave
@@ -35,19 +37,25 @@ class Stopwatch:
         self.cpu.append(time.process_time() - self._cpu)
 
 
+def lower_layers(n: int) -> int:
+    """Layers of particles of the lower of two liquids."""
+    return n // 2
+
+
 def result(program: str, n: int, watch: Stopwatch, iterations: list, position: np.ndarray, velocity: np.ndarray,
-           walls: int, simulated: float) -> dict:
-    """Return what one run has to say; medians over the steps from ``FIRST_STEP`` on."""
+           liquid: np.ndarray, liquids: int, walls: int, simulated: float) -> dict:
+    """Return what one run has to say; medians over the steps from ``FIRST_STEP`` on. `liquid` is that of a particle."""
     timed = slice(FIRST_STEP, None) if len(watch.wall) > FIRST_STEP else slice(None)
     density, divergence = np.array(iterations, float).T
     speed = np.sqrt((velocity**2).sum(axis=1))
     return {
-        "program": program, "n": n, "particles": len(position), "wall_particles": walls, "steps": len(watch.wall),
+        "program": program, "n": n, "liquids": liquids, "particles": len(position), "wall_particles": walls,
+        "steps": len(watch.wall),
         "simulated_s": simulated, "wall_s_per_step": float(np.median(watch.wall[timed])),
         "least_wall_s_per_step": float(np.min(watch.wall[timed])),
         "cpu_s_per_step": float(np.mean(watch.cpu[timed])), "density_iterations": float(density[timed].mean()),
         "divergence_iterations": float(divergence[timed].mean()), "top_speed": float(speed.max()),
-        "kinetic_energy": float(0.5 * DENSITY / n**3 * (speed**2).sum()),
+        "kinetic_energy": float(0.5 / n**3 * (np.array(DENSITIES[liquids])[liquid] * speed**2).sum()),
         "front": float(np.sort(position[:, 0])[-len(position) // 1000]),
     } | compression(position, 1.0 / n)
 

@@ -2,7 +2,8 @@
 
 The density is summed over the masses of the neighbors, rho_i = (sum of m_j W_ij + rho0_i sum of V_b W_ib) / L with
 the sum L of V W over a lattice: a lattice is at rest. Across an interface of two liquids this density is smeared, and
-the pressures there are wrong: that is the method's known error, in [song, fig. 4] too (the volume form has none).
+the pressures there are wrong: that is the method's known error, in [song, fig. 4] too. With `density_form: volume`
+every particle counts its neighbors as if they were of its own liquid, and nothing is smeared.
 
 With kappa_i = p_i/rho_i^2 and the wall pushed by the pressure of the liquid particle alone [akinci2012],
 a_i = -sum of m_j (kappa_i + kappa_j) G_ij / L - kappa_i rho0_i sum of V_b G_ib / L is antisymmetric. Each solve is a
@@ -45,6 +46,9 @@ class DFSPHParameters:
     maximum_iterations: int = parameter(100, minimum=1, maximum=10000, meaning="most iterations of either solve")
     warm_start: float = parameter(0.9, minimum=0.0, maximum=1.0,
                                   meaning="share of the last step's pressure that the density solve starts from")
+    density_form: str = parameter("mass", choices=("mass", "volume"),
+                                  meaning="sum over the masses of the neighbors, as in the papers, or over their "
+                                          "volumes, which keeps the densities of two liquids apart")
     chebyshev_radius: float = parameter(0.9, minimum=0.0, maximum=0.999,
                                         meaning="spectral radius assumed by Chebyshev acceleration; 0 is without")
 
@@ -83,6 +87,8 @@ class DFSPH(Scheme):
         super().__init__(solver)
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
+        self.by_volume = self.parameters.density_form == "volume"
+        self.reference_density = float(solver.liquids[0].density)
         self.fewest_neighbors = FEWEST_NEIGHBORS[solver.dimension]
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.partial = partial_results(2)
@@ -98,10 +104,23 @@ class DFSPH(Scheme):
 
     # Densities and the diagonal.
 
+    @ti.func
+    def _rest_density(self, i):
+        """Density of i where it is not compressed; by volume that of the first liquid for all (D9)."""
+        return self.reference_density if ti.static(self.by_volume) else self.mass[i] / self.volume[i]
+
+    @ti.func
+    def _share(self, i):
+        """Acceleration of i over that of a particle with the same volume and the rest density."""
+        return self.reference_density * self.volume[i] / self.mass[i]
+
     @ti.kernel
     def _measure(self):
         for i in range(self.count[None]):
-            self.density_weight[i] = self.mass[i] / (self.volume[i] * self.compression_at_rest)
+            if ti.static(self.by_volume):
+                self.density_weight[i] = self.reference_density / self.compression_at_rest
+            else:
+                self.density_weight[i] = self.mass[i] / (self.volume[i] * self.compression_at_rest)
         for i in range(self.count[None]):
             own = self.density_weight[i]
             compression = self.volume[i] * self.search.kernel.at_zero
@@ -115,6 +134,8 @@ class DFSPH(Scheme):
                 compression += self.pairs.weight[k]
                 density += other * self.pairs.weight[k]
                 gradient += other * self.pairs.gradient[k]
+                if ti.static(self.by_volume):
+                    other *= self._share(j)
                 spread += other / self.volume[j] * self.pairs.gradient[k].norm_sqr()
             wall = 0.0
             wall_gradient = self.velocity[i] * 0.0
@@ -127,7 +148,10 @@ class DFSPH(Scheme):
             self.density[i] = density + own * wall  # (D1)
             self.density_gradient_sum[i] = gradient
             # m_i sum of m_j |G_ij|^2: the exact diagonal for unequal masses too (V_j^2 |G_ij|^2 is in the row).
-            self.diagonal[i] = gradient.norm_sqr() + self.volume[i] * own * spread  # (D4)
+            square = gradient.norm_sqr()
+            if ti.static(self.by_volume):
+                square *= self._share(i)
+            self.diagonal[i] = square + self.volume[i] * own * spread  # (D4)
 
     def measure(self) -> None:
         """Densities, their gradients and the diagonal of the current neighbor rows."""
@@ -142,6 +166,8 @@ class DFSPH(Scheme):
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             total += self.kappa_weighted[self.pairs.index[k]] * self.pairs.gradient[k]
+        if ti.static(self.by_volume):
+            total *= self._share(i)
         return -total
 
     @ti.func
@@ -167,7 +193,7 @@ class DFSPH(Scheme):
                 neighbors = self.pairs.count[i] + self.wall_pairs.count[i]
                 self.source[i] = ti.select(neighbors < self.fewest_neighbors, -1e30, change)
             else:
-                excess = self.density[i] - self.mass[i] / self.volume[i]
+                excess = self.density[i] - self._rest_density(i)
                 self.source[i] = ti.select(excess > 0.0, share * excess, excess) + change  # (D5)
 
     @ti.kernel
@@ -187,7 +213,10 @@ class DFSPH(Scheme):
             self.kappa_weighted[i] = step * self.density_weight[i]
             # Where the pressure acts, an expansion is an error too: a warm start alone would blow the liquid up.
             error = ti.max(compression, ti.select(now > 0.0, -compression, 0.0))
-            self.residual[i] = error * self.volume[i] / self.mass[i]
+            if ti.static(self.by_volume):
+                self.residual[i] = error / self.reference_density
+            else:
+                self.residual[i] = error * self.volume[i] / self.mass[i]
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
@@ -252,7 +281,8 @@ class DFSPH(Scheme):
             below = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 self.residual[i] = -self._density_rate(self.pressure_acceleration, i) / ti.max(self.diagonal[i], 1e-30)
-                weight = ti.cast(self.diagonal[i], ti.f64) * self.mass[i]
+                weight = ti.cast(self.diagonal[i], ti.f64)
+                weight *= self.volume[i] if ti.static(self.by_volume) else self.mass[i]
                 above += weight * self.density_kappa[i] * self.residual[i]
                 below += weight * self.density_kappa[i] ** 2
             self.partial[0, block] = above

@@ -38,10 +38,11 @@ def test_mean_pressure_is_the_weight_of_what_lies_above(ratio):
     assert (density / (mass / volume)).max() < (1.01 if ratio == 1.0 else 1.05)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_free_drop_keeps_its_momentum(dimension):
+@pytest.mark.parametrize(("dimension", "form"), [(2, "mass"), (3, "mass"), (2, "volume")])
+def test_free_drop_keeps_its_momentum(dimension, form):
     liquids = (Liquid("heavy", 1000.0, 1e-3), Liquid("light", 500.0, 1e-3))
     solver = drop("dfsph", dimension, liquids=liquids, phase=lambda x: x[:, 0] > 0.0,
+                  scheme_parameters=DFSPHParameters(density_form=form),
                   effects=(cavities.parameters("diffusion", coefficient=1e-6),))
     start = cavities.momentum(solver)
     for _ in range(5):
@@ -51,10 +52,12 @@ def test_free_drop_keeps_its_momentum(dimension):
     assert solver.statistics["wall_contacts"] == 0.0
 
 
-def test_diagonal_is_that_of_the_matrix():
+@pytest.mark.parametrize("form", ["mass", "volume"])
+def test_diagonal_is_that_of_the_matrix(form):
     """The response of one particle's own density to its own kappa, for unequal masses."""
     liquids = (Liquid("heavy", 1000.0, 1e-3), Liquid("light", 100.0, 1e-3))
-    solver = drop("dfsph", 2, liquids=liquids, phase=lambda x: x[:, 0] > 0.0)
+    solver = drop("dfsph", 2, liquids=liquids, phase=lambda x: x[:, 0] > 0.0,
+                  scheme_parameters=DFSPHParameters(density_form=form))
     scheme, n = solver.scheme, solver.count[None]
     diagonal, velocity = cavities.read(solver, "diagonal", "velocity")
     middle = np.abs(solver.particles.to_numpy("position")).sum(axis=1).argsort()[:6]
@@ -70,8 +73,21 @@ def test_diagonal_is_that_of_the_matrix():
         (density,) = cavities.read(solver, "density")
         scheme._start(scheme.density_kappa, 1.0, 1.0, False)
         source, mass, volume = cavities.read(solver, "source", "mass", "volume")
-        response = (source - (density - mass / volume))[i]
+        rest = mass / volume if form == "mass" else np.full(n, 1000.0)
+        response = (source - (density - rest))[i]
         assert -response == pytest.approx(diagonal[i], rel=1e-6)
+
+
+def test_density_by_volume_is_that_of_one_liquid():
+    """Whatever the masses of the neighbors: no particle at an interface seems crowded or alone."""
+    heavy, light = Liquid("heavy", 1000.0, 1e-3), Liquid("light", 100.0, 1e-3)
+    by_volume = DFSPHParameters(density_form="volume")
+    one = drop("dfsph", 2, liquids=(heavy,), phase=lambda x: x[:, 0] > np.inf)
+    two = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0, scheme_parameters=by_volume)
+    smeared = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0)
+    np.testing.assert_allclose(*(cavities.read(solver, "density")[0] for solver in (two, one)), rtol=1e-12)
+    density, mass, volume = cavities.read(smeared, "density", "mass", "volume")
+    assert (density / (mass / volume)).max() > 2.0
 
 
 def broken():
