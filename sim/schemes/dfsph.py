@@ -105,22 +105,19 @@ class DFSPH(Scheme):
     # Densities and the diagonal.
 
     @ti.func
-    def _rest_density(self, i):
-        """Density of i where it is not compressed; by volume that of the first liquid for all (D9)."""
-        return self.reference_density if ti.static(self.by_volume) else self.mass[i] / self.volume[i]
+    def _counted_mass(self, i):
+        """Mass with which i counts in densities; by volume that of as much of the first liquid (D9)."""
+        return self.reference_density * self.volume[i] if ti.static(self.by_volume) else self.mass[i]
 
     @ti.func
     def _share(self, i):
-        """Acceleration of i over that of a particle with the same volume and the rest density."""
-        return self.reference_density * self.volume[i] / self.mass[i]
+        """That mass over the one that a force on i moves (D9)."""
+        return self._counted_mass(i) / self.mass[i] if ti.static(self.by_volume) else 1.0
 
     @ti.kernel
     def _measure(self):
         for i in range(self.count[None]):
-            if ti.static(self.by_volume):
-                self.density_weight[i] = self.reference_density / self.compression_at_rest
-            else:
-                self.density_weight[i] = self.mass[i] / (self.volume[i] * self.compression_at_rest)
+            self.density_weight[i] = self._counted_mass(i) / (self.volume[i] * self.compression_at_rest)
         for i in range(self.count[None]):
             own = self.density_weight[i]
             compression = self.volume[i] * self.search.kernel.at_zero
@@ -134,9 +131,7 @@ class DFSPH(Scheme):
                 compression += self.pairs.weight[k]
                 density += other * self.pairs.weight[k]
                 gradient += other * self.pairs.gradient[k]
-                if ti.static(self.by_volume):
-                    other *= self._share(j)
-                spread += other / self.volume[j] * self.pairs.gradient[k].norm_sqr()
+                spread += self._share(j) * other / self.volume[j] * self.pairs.gradient[k].norm_sqr()
             wall = 0.0
             wall_gradient = self.velocity[i] * 0.0
             for slot in range(self.wall_pairs.count[i]):
@@ -148,10 +143,7 @@ class DFSPH(Scheme):
             self.density[i] = density + own * wall  # (D1)
             self.density_gradient_sum[i] = gradient
             # m_i sum of m_j |G_ij|^2: the exact diagonal for unequal masses too (V_j^2 |G_ij|^2 is in the row).
-            square = gradient.norm_sqr()
-            if ti.static(self.by_volume):
-                square *= self._share(i)
-            self.diagonal[i] = square + self.volume[i] * own * spread  # (D4)
+            self.diagonal[i] = self._share(i) * gradient.norm_sqr() + self.volume[i] * own * spread  # (D4)
 
     def measure(self) -> None:
         """Densities, their gradients and the diagonal of the current neighbor rows."""
@@ -166,9 +158,7 @@ class DFSPH(Scheme):
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             total += self.kappa_weighted[self.pairs.index[k]] * self.pairs.gradient[k]
-        if ti.static(self.by_volume):
-            total *= self._share(i)
-        return -total
+        return -self._share(i) * total
 
     @ti.func
     def _density_rate(self, v: ti.template(), i):
@@ -193,7 +183,7 @@ class DFSPH(Scheme):
                 neighbors = self.pairs.count[i] + self.wall_pairs.count[i]
                 self.source[i] = ti.select(neighbors < self.fewest_neighbors, -1e30, change)
             else:
-                excess = self.density[i] - self._rest_density(i)
+                excess = self.density[i] - self._counted_mass(i) / self.volume[i]
                 self.source[i] = ti.select(excess > 0.0, share * excess, excess) + change  # (D5)
 
     @ti.kernel
@@ -213,10 +203,7 @@ class DFSPH(Scheme):
             self.kappa_weighted[i] = step * self.density_weight[i]
             # Where the pressure acts, an expansion is an error too: a warm start alone would blow the liquid up.
             error = ti.max(compression, ti.select(now > 0.0, -compression, 0.0))
-            if ti.static(self.by_volume):
-                self.residual[i] = error / self.reference_density
-            else:
-                self.residual[i] = error * self.volume[i] / self.mass[i]
+            self.residual[i] = error * self.volume[i] / self._counted_mass(i)
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
@@ -281,8 +268,7 @@ class DFSPH(Scheme):
             below = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 self.residual[i] = -self._density_rate(self.pressure_acceleration, i) / ti.max(self.diagonal[i], 1e-30)
-                weight = ti.cast(self.diagonal[i], ti.f64)
-                weight *= self.volume[i] if ti.static(self.by_volume) else self.mass[i]
+                weight = ti.cast(self.diagonal[i], ti.f64) * self._counted_mass(i)
                 above += weight * self.density_kappa[i] * self.residual[i]
                 below += weight * self.density_kappa[i] ** 2
             self.partial[0, block] = above
