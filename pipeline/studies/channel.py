@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -34,7 +34,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """A viscous layer below a thin one; resolutions count particles across one layer."""
 
     UNNAMED: ClassVar = ("times", "steps")
@@ -83,7 +83,7 @@ def exact_velocity(ratio: float, height: np.ndarray) -> np.ndarray:
 def _flow(case: Parameters, resolution: int) -> Run:
     spacing = HALF_WIDTH / resolution
     arrays = cavity("box", (PERIOD * spacing, 2.0 * HALF_WIDTH), spacing, start=case.start,
-                    support_ratio=case.support_ratio, periodic=(0,))
+                    support_ratio=case.support_ratio, seed=case.seed, periodic=(0,))
     until = case.times * DENSITY * HALF_WIDTH**2 / THIN
     effects: dict[str, Any] = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
                "viscosity_implicit" if case.viscosity == "implicit" else "viscosity": {"form": case.form}}

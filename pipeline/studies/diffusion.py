@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import erfc
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_kit.tank import Stopwatch, TankParameters, build, cavity, field, time_rows
+from pipeline.study_kit.tank import PackedParameters, Stopwatch, build, cavity, field, time_rows
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -33,7 +33,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """A square box, periodic across the gradient; resolutions count particles along its side."""
 
     shape: str = parameter("step", choices=("step", "blob"), meaning="what diffuses")
@@ -73,7 +73,7 @@ def _spread(case: Parameters, resolution: int):
     """Times, s, moments, m^2, the solver, the relative change of the volume of the second liquid, and seconds taken."""
     spacing = LENGTH / resolution
     arrays = cavity("box", (LENGTH, LENGTH), spacing, start=case.start, support_ratio=case.support_ratio,
-                    periodic=(1,) if case.shape == "step" else (0, 1))
+                    seed=case.seed, periodic=(1,) if case.shape == "step" else (0, 1))
     solver = build(case, arrays, liquids=[Liquid(f"liquid_{k}", rho, 0.0) for k, rho in enumerate(DENSITIES)],
                    effects={"diffusion": {"coefficient": COEFFICIENT}})
     position, volume = field(solver, "position"), field(solver, "volume")

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.study_kit.interface_fit import part
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -30,7 +30,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """A drop on a wall; resolutions count particles along the radius of the half circle at the start."""
 
     dimension: int = parameter(2, choices=(2, 3), meaning="part of a circle or of a ball")
@@ -41,7 +41,6 @@ class Parameters(TankParameters):
     tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, meaning="interface tension")
     viscosity: float = parameter(0.1, unit="Pa*s", exclusive_minimum=0.0, meaning="viscosity of both liquids")
     rest_times: float = parameter(30.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(rho R^3 / sigma)")
-    seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
     tolerance: float = parameter(5.0, unit="deg", exclusive_minimum=0.0, meaning="allowed error of the angle")
     resolutions: tuple[int, ...] = parameter((8, 12), minimum=6, meaning="particles along R, coarse to fine")
 

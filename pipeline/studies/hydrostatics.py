@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -29,13 +29,15 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """Two layers in a cavity."""
 
     cavity: str = parameter("box", choices=("box", "circle", "open_box"),
                             meaning="closed and full box or circle, or a box with a free surface")
     density_ratio: float = parameter(0.5, exclusive_minimum=0.0, maximum=1.0, meaning="light over heavy density")
     viscosity: float = parameter(1e-3, unit="Pa*s", minimum=0.0, meaning="viscosity of the light liquid")
+    start: str = parameter("regular", choices=("regular", "packed"),
+                           meaning="a lattice, which a circle packs, or packed from disorder")
     rest_times: float = parameter(10.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
     pressure_tolerance: float = parameter(0.02, exclusive_minimum=0.0, meaning="allowed error over rho g H")
     speed_tolerance: float = parameter(1e-3, exclusive_minimum=0.0, meaning="allowed speed over sqrt(g H)")
@@ -68,7 +70,8 @@ def _settle(case: Parameters, resolution: int, label: str) -> Run:
     spacing = HEIGHT / resolution
     size: dict[str, Any] = {
         "box": (0.5 * HEIGHT, HEIGHT), "circle": 0.5 * HEIGHT, "open_box": (0.5 * HEIGHT, 1.5 * HEIGHT)}
-    arrays = cavity(case.cavity.removeprefix("open_"), size[case.cavity], spacing, support_ratio=case.support_ratio)
+    arrays = cavity(case.cavity.removeprefix("open_"), size[case.cavity], spacing, start=case.start,
+                    support_ratio=case.support_ratio, seed=case.seed)
     liquids = (Liquid("heavy", HEAVY, 1e-3), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
     level = _interface(case)
     solver = build(case, arrays, liquids=liquids, phase=lambda x: x[:, 1] > level,

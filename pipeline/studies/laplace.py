@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -38,7 +38,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """A drop at rest in another liquid."""
 
     dimension: int = parameter(2, choices=(2, 3), meaning="a circle or a sphere")
@@ -49,7 +49,6 @@ class Parameters(TankParameters):
                                                                                       "of the liquid around it")
     start: str = parameter("round", choices=("round", "square"), meaning="shape of the drop at the start")
     rest_times: float = parameter(12.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(rho R^3 / sigma)")
-    seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
     resolutions: tuple[int, ...] = parameter((8, 12), minimum=4, meaning="particles along the radius of the drop")
 
 

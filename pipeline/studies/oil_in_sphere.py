@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from pipeline.measures.coverage import WallContact
 from pipeline.study_kit.interface_fit import part
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from pipeline.study_kit.young_laplace import Profile, covered_arc, distance_to, interface, oil_at_rest
 from sim.parameters import parameter
 from sim.settings import Liquid
@@ -49,7 +49,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """Oil in a sphere or circle full of water."""
 
     dimension: int = parameter(3, choices=(2, 3), meaning="a circle or a sphere")
@@ -63,7 +63,6 @@ class Parameters(TankParameters):
     water_viscosity: float = parameter(0.1, unit="Pa*s", minimum=0.0, meaning="viscosity of the water")
     radius: float = parameter(0.011, unit="m", exclusive_minimum=0.0, meaning="radius of the cavity")
     steps: int = parameter(5000, minimum=50, meaning="time steps at least")
-    seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
     resolutions: tuple[int, ...] = parameter((11,), minimum=6, meaning="particles along the radius, coarse to fine")
     # Gravity in full never acts: the limit of the tension is what counts.
     largest_step: float = parameter(0.2, exclusive_minimum=0.0, meaning="largest time step in sqrt(spacing / g)")

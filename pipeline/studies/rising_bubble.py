@@ -15,7 +15,7 @@ import numpy as np
 from skimage.measure import find_contours
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -38,7 +38,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """The bubble of the benchmark; resolutions count particles along the width of the box."""
 
     viscosity: str = parameter("laplacian", choices=("laplacian", "central", "implicit"),
@@ -98,7 +98,8 @@ def circularity(values: np.ndarray, cell: float) -> float:
 
 def _rise(case: Parameters, resolution: int) -> Run:
     spacing = WIDTH / resolution
-    arrays = cavity("box", (WIDTH, HEIGHT), spacing, start="packed", support_ratio=case.support_ratio)
+    arrays = cavity("box", (WIDTH, HEIGHT), spacing, start="packed", support_ratio=case.support_ratio,
+                    seed=case.seed)
     slip = {"wall": "free_slip"}
     viscosity = ({"viscosity_implicit": slip} if case.viscosity == "implicit"
                  else {"viscosity": slip | {"form": case.viscosity}})

@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
-from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -29,7 +29,7 @@ FIGURES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameters(TankParameters):
+class Parameters(PackedParameters):
     """Four vortices in a periodic square; resolutions count particles along the period."""
 
     reynolds: float = parameter(100.0, exclusive_minimum=0.0, meaning="U L / nu")
@@ -79,7 +79,7 @@ def vortex(position: np.ndarray) -> np.ndarray:
 
 def _decay(case: Parameters, resolution: int, liquids: int) -> Run:
     arrays = cavity("box", (PERIOD, PERIOD), PERIOD / resolution, start=case.start, support_ratio=case.support_ratio,
-                    periodic=(0, 1))
+                    seed=case.seed, periodic=(0, 1))
     viscosity = DENSITY * SPEED * PERIOD / case.reynolds
     effect = {"viscosity_implicit": {}} if case.viscosity == "implicit" else {"viscosity": {"form": case.viscosity}}
     alike = tuple(Liquid(f"liquid_{k}", DENSITY, viscosity) for k in range(liquids))

@@ -52,6 +52,13 @@ class TankParameters:
                                meaning="floating point format of the fields")
 
 
+@dataclasses.dataclass(frozen=True)
+class PackedParameters(TankParameters):
+    """What tanks have in common whose particles are packed from disorder: another seed is another start."""
+
+    seed: int = parameter(0, minimum=0, meaning="of the disorder before the packing of the start")
+
+
 def cavity(kind: str, size: ArrayLike, spacing: float, *, start: str = "regular",
            support_ratio: float = 3.0, dimension: int = 2, seed: int = 0,
            periodic: Sequence[int] = ()) -> dict[str, np.ndarray]:
