@@ -1,4 +1,6 @@
-"""The error to expect of a scene: that of the accuracy study, carried over to its spacing by the observed order.
+"""The error to expect of a scene: what the accuracy study has measured at its size, from several starts.
+
+Between sizes it is interpolated, and beyond them carried over by the observed order where there is one.
 
 The study takes minutes and its errors are those of the method, not of the computer: until it is run here, those that
 the project came with count. ``cp outputs/studies/accuracy/draft/orders.csv config/expected_errors.csv`` renews
@@ -6,8 +8,12 @@ these.
 """
 import csv
 import dataclasses
+import itertools
 import math
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import Scene
@@ -15,12 +21,14 @@ from pipeline.scenes.model import Scene
 ORDERS = Path("outputs/studies/accuracy/draft/orders.csv")
 SHIPPED = PROJECT_CONFIG / "expected_errors.csv"
 LEAST_ORDER = 0.5  # below, the error scatters more than it falls
-COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "error", "order")
+ALIKE = 1.1  # sizes that differ by less are one
+COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "error", "least", "most", "starts",
+           "order")
 
 
 @dataclasses.dataclass(frozen=True)
 class ExpectedError:
-    """An error to expect: of which quantity, how large, and where the number comes from."""
+    """An error to expect: of which quantity, how large (mean of several starts), and where the number comes from."""
 
     quantity: str
     value: float
@@ -31,6 +39,28 @@ class ExpectedError:
 def errors_file() -> Path:
     """What the accuracy study has written here, or else what it had for the authors."""
     return ORDERS if ORDERS.is_file() else SHIPPED
+
+
+def error_at(size: float, known: Sequence[Sequence[float]], order: float) -> tuple[np.ndarray, str]:
+    """Return mean, least and largest error at a size, and in words how they are known.
+
+    Parameters
+    ----------
+    size : spacings along the case. order : of the error in the spacing; nan if unknown.
+    known : size, mean, least and largest error of what was measured, coarse to fine, at least one.
+    """
+    sizes, *errors = np.array(known, float).T
+    nearest = int(np.argmin(np.abs(np.log(sizes / size))))
+    there, found = sizes[nearest], np.array(errors)[:, nearest]
+    if max(there / size, size / there) < ALIKE:
+        return found, f"measured at {there:g} spacings"
+    if sizes[0] < size < sizes[-1]:
+        after = int(np.searchsorted(sizes, size))
+        between = np.array([np.interp(math.log(size), np.log(sizes), one) for one in errors])
+        return between, f"between {sizes[after - 1]:g} and {sizes[after]:g} spacings"
+    if order >= LEAST_ORDER:
+        return found * (there / size) ** order, f"order {order:.1f} from {there:g} to {size:.3g} spacings"
+    return found, f"at {there:g} spacings; it does not fall steadily"
 
 
 def expected_errors(scene: Scene, width: float, path: Path | None = None) -> list[ExpectedError]:
@@ -46,15 +76,15 @@ def expected_errors(scene: Scene, width: float, path: Path | None = None) -> lis
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     found = []
-    for row in rows:
-        needed, order = set(row["effects"].split()), float(row["order"] or "nan")
-        error, resolution = float(row["error"]), float(row["resolution"])
-        if not needed <= scene.effects.keys() or not math.isfinite(error):
+    for _, same in itertools.groupby(rows, lambda row: row["case"]):
+        sizes = [row for row in same if math.isfinite(float(row["error"]))]
+        if not sizes or not set(sizes[0]["effects"].split()) <= scene.effects.keys():
             continue
-        here = width * float(row["per_width"])
-        known = order >= LEAST_ORDER
-        value = error * (resolution / here) ** order if known else error
-        words = f"order {order:.1f} from {resolution:g} to {here:.3g} spacings" if known else (
-            f"at {resolution:g} spacings; it does not fall steadily")
-        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", value, row["unit"], f"{path.name}, {words}"))
+        row, here = sizes[0], width * float(sizes[0]["per_width"])
+        known = [[float(one[column]) for column in ("resolution", "error", "least", "most")] for one in sizes]
+        (value, least, most), how = error_at(here, known, float(row["order"] or "nan"))
+        starts = int(row["starts"])
+        spread = f"; {least:.2g} to {most:.2g} from {starts} starts" if starts > 1 else ""
+        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", float(value), row["unit"],
+                                   f"{path.name}, {how}{spread}"))
     return found

@@ -1,10 +1,11 @@
 """Studies of what accuracy costs: error against time, one figure and one CSV for every family of cases.
 
-The first case of a family is its base, a sweep of the particle spacing; every other case differs from it in one thing
-(tolerance, time step, scheme, precision, support radius) at one of its resolutions. The error is that of the family's
-``HEADLINE``. A family without a reference (``SELF_CONVERGENCE``) gives a curve instead, which is compared with that of
-the base at its finest resolution. Times are those of the steps, without compilation, of all cores: on a computer that
-does other things as well, the clock says little.
+The first case of a family is its base, a sweep of the particle spacing, which further starts (``seed``) repeat; every
+other case differs from it in one thing (tolerance, time step, scheme, precision, support radius) at one of its
+resolutions. The error is that of the family's ``HEADLINE``, and of several starts the mean. A family without a
+reference (``SELF_CONVERGENCE``) gives a curve instead, which is compared with that of the base at its finest
+resolution. Times are those of the steps, without compilation, of all cores: on a computer that does other things as
+well, the clock says little.
 """
 import csv
 import dataclasses
@@ -17,6 +18,7 @@ import numpy as np
 
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
+from pipeline.forecast.expected_error import error_at
 from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome, Row, observed_order
@@ -35,7 +37,13 @@ ORDERS = np.linspace(0.1, 6.0, 1181)  # that are tried where the finest run is t
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """One run: what was changed, how exact and how dear it was; times in s."""
+    """Runs that differ in their start only: what was changed, how exact and how dear they were; times in s.
+
+    Attributes
+    ----------
+    error, least, most : mean error, and the least and the largest of so many ``starts``; nan where one failed.
+    first : error of the first start, which the runs with a change have too.
+    """
 
     change: str
     resolution: int
@@ -44,6 +52,10 @@ class Point:
     unit: str
     wall: float
     cpu: float
+    least: float = math.nan
+    most: float = math.nan
+    first: float = math.nan
+    starts: int = 1
     front: bool = False
 
 
@@ -77,9 +89,24 @@ def points_of(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> list[Point]
             number = {name: rows[name].value if name in rows else math.nan
                       for name in ("particles", WALL_TIME, COMPUTING_TIME)}
             found.append(Point(change, resolution, number["particles"], error, unit, number[WALL_TIME],
-                               number[COMPUTING_TIME]))
+                               number[COMPUTING_TIME], error, error, error))
+    found = _joined(found)
     front = on_front([point.cpu for point in found], [point.error for point in found])
     return [dataclasses.replace(point, front=best) for point, best in zip(found, front, strict=True)]
+
+
+def _joined(points: Sequence[Point]) -> list[Point]:
+    """The points with those that differ in their start only made one."""
+    groups: dict[tuple, list[Point]] = {}
+    for point in points:
+        groups.setdefault((point.change, point.resolution), []).append(point)
+    joined = []
+    for same in groups.values():
+        errors, wall, cpu = np.array([[point.error, point.wall, point.cpu] for point in same]).T
+        joined.append(dataclasses.replace(
+            same[0], error=float(errors.mean()), least=float(errors.min()), most=float(errors.max()), starts=len(same),
+            wall=float(wall.mean()), cpu=float(cpu.mean())))
+    return joined
 
 
 def _error(row: Row | None) -> tuple[float, str]:
@@ -144,21 +171,22 @@ def order_of(points: Sequence[Point]) -> float:
 def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float]) -> dict[str, tuple[float, ...]]:
     """Return for every accuracy level resolution, time and error.
 
-    The error follows the law of the sweep of the spacing; the time is interpolated in it, and nan beyond it: what small
-    runs take says nothing about large ones (`pipeline.estimate` does).
+    Both are interpolated in the sweep of the spacing. Beyond it the error follows the observed order and the time is
+    nan: what small runs take says nothing about large ones (`pipeline.estimate` does).
 
     Parameters
     ----------
     levels : name -> particle spacing, m, in an eye of :data:`WIDTH`; a case resolves ``per_width`` of that.
     """
-    order, factor = law_of(points)
-    base = sorted((point.resolution, point.cpu) for point in points if point.change == SPACING)
+    base, order = base_points(points), order_to_quote(points)
     found: dict[str, tuple[float, ...]] = {}
     for name, spacing in levels.items():
         resolution = per_width * WIDTH / spacing
-        inside = base[0][0] <= resolution <= base[-1][0]
-        time = float(np.exp(np.interp(np.log(resolution), *np.log(base).T))) if inside else math.nan
-        found[name] = (resolution, time, factor * resolution**-order)
+        inside = bool(base) and base[0].resolution <= resolution <= base[-1].resolution
+        time = float(np.exp(np.interp(np.log(resolution), *np.log([(one.resolution, one.cpu) for one in base]).T))
+                     ) if inside else math.nan
+        known = [(one.resolution, one.error, one.least, one.most) for one in base]
+        found[name] = (resolution, time, float(error_at(resolution, known, order)[0][0]) if base else math.nan)
     return found
 
 
@@ -179,7 +207,7 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
                    [dataclasses.asdict(point) for point in points])
         _draw(target / f"{name}_tradeoff.png", name, family, points)
         orders += orders_of(name, family, points)
-        found.append(_outcome(name, points))
+        found.append(_outcome(name, family, points))
     _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
     return found
 
@@ -197,21 +225,35 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None
         writer.writerows(rows)
 
 
+def order_to_quote(points: Sequence[Point]) -> float:
+    """The observed order, which must not promise more than the last refinement gave; nan without two errors."""
+    base, order = base_points(points), order_of(points)
+    if len(base) < 2 or _by_difference(points, base):
+        return order
+    return min(order, _last_order(base))
+
+
+def _by_difference(points: Sequence[Point], base: Sequence[Point]) -> bool:
+    """True where errors are differences from the finest run of the sweep."""
+    return base[-1].resolution < max(point.resolution for point in points if point.change == SPACING)
+
+
 def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
-    """Return the row of a family for orders.csv, as a list; empty where no run has an error."""
+    """Return the rows of a family for orders.csv, one for every size; empty where no run has an error."""
     base = base_points(points)
     if not base:
         return []
     order, factor = law_of(points)
-    finest, error = base[-1], base[-1].error
-    if finest.resolution < max(point.resolution for point in points if point.change == SPACING):
-        # What was measured is the difference from a run that has an error of its own.
-        error = factor * finest.resolution**-order if math.isfinite(order) else error
-    else:
-        order = min(order, _last_order(base))
-    return [{"case": name, "quantity": family.HEADLINE, "unit": finest.unit,
-             "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
-             "resolution": finest.resolution, "order": order, "error": error}]
+    # What is measured as the difference from the finest run says nothing of the error which that run has itself.
+    lawful = _by_difference(points, base) and math.isfinite(order)
+    quoted, rows = order_to_quote(points), []
+    for point in base:
+        scale = factor * point.resolution**-order / point.error if lawful else 1.0
+        rows.append({"case": name, "quantity": family.HEADLINE, "unit": point.unit,
+                     "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
+                     "resolution": point.resolution, "error": scale * point.error, "least": scale * point.least,
+                     "most": scale * point.most, "starts": point.starts, "order": quoted})
+    return rows
 
 
 def _last_order(base: Sequence[Point]) -> float:
@@ -220,16 +262,24 @@ def _last_order(base: Sequence[Point]) -> float:
     return observed_order([1.0 / point.resolution for point in last], [point.error for point in last])
 
 
-def _outcome(name: str, points: Sequence[Point]) -> Outcome:
-    """What every change gains or loses beside the base at the same resolution, as rows and as a sentence."""
+def _outcome(name: str, family, points: Sequence[Point]) -> Outcome:
+    """What the levels give, and what every change gains or loses beside the base at the same resolution from the same
+    start, as rows and as sentences.
+    """
     order = order_of(points)
     outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
     base, said = {point.resolution: point for point in points if point.change == SPACING}, []
+    bought = _bought(name, family, points)
+    if bought:
+        outcome.rows += [Row(f"error to expect at {level}", error, unit, at=f"n={size:.3g}")
+                         for level, size, error, unit, _ in bought]
+        outcome.remarks.append(f"{name}: {family.HEADLINE}, error to expect: "
+                               + "; ".join(words for *_, words in bought) + ".")
     for point in points:
         beside = base.get(point.resolution)
-        if point.change == SPACING or beside is None or beside.error == 0.0:
+        if point.change == SPACING or beside is None or beside.first == 0.0:
             continue
-        exact, dear = point.error / beside.error, point.cpu / beside.cpu
+        exact, dear = point.error / beside.first, point.cpu / beside.cpu
         at = f"{point.change} n={point.resolution}"
         outcome.rows += [Row("error over that of the base", exact, at=at, wall_s=point.wall),
                          Row("computing time over that of the base", dear, at=at, wall_s=point.wall)]
@@ -238,6 +288,22 @@ def _outcome(name: str, points: Sequence[Point]) -> Outcome:
         outcome.remarks.append(f"{name}: {_said(order)}; error and computing time over those of the base: "
                                f"{'; '.join(said)}.")
     return outcome
+
+
+def _bought(name: str, family, points: Sequence[Point]) -> list[tuple[str, float, float, str, str]]:
+    """For every accuracy level its name, spacings along the case, the error to expect, its unit, and all in words."""
+    rows, found = orders_of(name, family, points), []
+    for level, spacing in (spacings() if rows else {}).items():
+        size = family.PER_WIDTH * WIDTH / spacing
+        known = [[row[column] for column in ("resolution", "error", "least", "most")] for row in rows]
+        (error, least, most), how = error_at(size, known, rows[0]["order"])
+        unit = rows[0]["unit"]
+        shown = [f"{100.0 * one:.2g}" if unit == "1" else f"{one:.2g}" for one in (error, least, most)]
+        words = f"{shown[0]} {'%' if unit == '1' else unit} at {level}"
+        words += f" ({shown[1]} to {shown[2]} from {rows[0]['starts']} starts, {how})" if rows[0]["starts"] > 1 else (
+            f" ({how})")
+        found.append((level, size, float(error), unit, words))
+    return found
 
 
 def _said(order: float) -> str:
@@ -254,6 +320,10 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     base, shown = base_points(points), [point for point in points if math.isfinite(point.error) and point.error > 0.0]
     axes.plot([point.cpu for point in base], [point.error for point in base], "o-", color="black", lw=1.4, ms=6,
               label=f"{SPACING}, {_said(order_of(points))}")
+    bars = [point for point in base if point.starts > 1]
+    if bars:
+        axes.vlines([point.cpu for point in bars], [point.least for point in bars], [point.most for point in bars],
+                    color="black", lw=1.2, label=f"least to largest of {bars[0].starts} starts")
     for point in base:
         axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points", fontsize=8)
     looks = zip(itertools.cycle(COLORS), itertools.cycle(MARKERS), strict=False)

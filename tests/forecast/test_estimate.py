@@ -325,45 +325,65 @@ def test_rehearsal_is_coarse_but_keeps_every_block():
     assert max(rehearsal_spacings(load("egg_funnel"), 10**9)) <= 0.5 * load("egg_funnel").container.funnels[0].thickness
 
 
-def test_expected_error_follows_the_observed_order(tmp_path):
+def test_expected_error_is_measured_interpolated_or_carried_over_by_the_order(tmp_path):
     scene, path = load_scene(SCENES / "still_eye.yaml", "draft"), tmp_path / "orders.csv"
-    common = {"quantity": "q", "unit": "1", "per_width": 0.5, "resolution": 10}
+    common = {"quantity": "q", "unit": "1", "per_width": 0.5}
+    sizes = [{"resolution": 10, "error": 0.04, "least": 0.03, "most": 0.06, "starts": 3},
+             {"resolution": 20, "error": 0.02, "least": 0.01, "most": 0.03, "starts": 3}]
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
-        writer.writerow(common | {"case": "a", "effects": "gravity viscosity_implicit", "error": 0.04, "order": 2.0})
-        writer.writerow(common | {"case": "b", "effects": "", "error": 0.01, "order": -0.3})
-        writer.writerow(common | {"case": "c", "effects": "interface_tension", "error": 0.01, "order": 1.0})
-    found = expected_errors(scene, 40.0, path)
+        for case, effects, order in (("a", "gravity viscosity_implicit", 2.0), ("b", "", -0.3),
+                                     ("c", "interface_tension", 1.0)):
+            writer.writerows(common | {"case": case, "effects": effects, "order": order} | size for size in sizes)
+    found = expected_errors(scene, 80.0, path)  # 40 spacings along the case
     assert [one.quantity for one in found] == ["a: q", "b: q"]  # this scene has no tension
-    assert found[0].value == pytest.approx(0.04 / 2**2) and "order 2.0" in found[0].source
-    assert found[1].value == 0.01 and "does not fall steadily" in found[1].source
+    assert found[0].value == pytest.approx(0.02 / 2**2) and "order 2.0 from 20 to 40" in found[0].source
+    assert "0.0025 to 0.0075 from 3 starts" in found[0].source
+    assert found[1].value == 0.02 and "does not fall steadily" in found[1].source
+    measured, = {(one.value, one.source) for one in expected_errors(scene, 21.0, path)}  # 10.5, near 10
+    assert measured == (0.04, "orders.csv, measured at 10 spacings; 0.03 to 0.06 from 3 starts")
+    between, _ = expected_errors(scene, 2.0 * math.sqrt(200.0), path)
+    assert between.value == pytest.approx(0.03) and "between 10 and 20 spacings" in between.source
     level = dataclasses.replace(predict(scene, synthetic(scene)), errors=tuple(found))
-    assert notes(level)[0].startswith("expected error, a: q: 0.01 (")
+    assert notes(level)[0].startswith("expected error, a: q: 0.005 (")
     assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]
 
 
-def test_errors_that_the_project_comes_with_are_those_of_its_study():
+def shipped_errors():
     with SHIPPED.open(newline="", encoding="utf-8") as file:
-        rows = {row["case"]: row for row in csv.DictReader(file)}
-    study = load_study("accuracy", "draft")
-    families = {case.family.__name__.rpartition(".")[2]: case.family for case in study.cases.values()}
-    assert rows.keys() == families.keys()
-    for name, family in families.items():
-        assert rows[name]["quantity"] == family.HEADLINE and float(rows[name]["per_width"]) == family.PER_WIDTH
-        assert rows[name]["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+        return list(csv.DictReader(file))
+
+
+def test_errors_that_the_project_comes_with_are_those_of_its_study():
+    rows, study = shipped_errors(), load_study("accuracy", "draft")
+    families = {case.family.__name__.rpartition(".")[2]: case.family for case in reversed(study.cases.values())}
+    assert {row["case"] for row in rows} == families.keys()
+    for row in rows:
+        family = families[row["case"]]
+        assert row["quantity"] == family.HEADLINE and float(row["per_width"]) == family.PER_WIDTH
+        assert row["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+        assert float(row["least"]) <= float(row["error"]) <= float(row["most"])
+
+
+def test_errors_of_the_levels_draft_and_standard_are_measured():
+    """In the default eye, 22 mm wide: at 1 and 0.4 mm."""
+    for level, width in (("draft", 22.0), ("standard", 55.0)):
+        for one in expected_errors(load_scene(SCENES / "tamponade.yaml", level), width, SHIPPED):
+            assert "measured at" in one.source or one.quantity.startswith("eye_rest"), one
 
 
 @pytest.mark.parametrize("name", ["diffusion", pytest.param("channel", marks=pytest.mark.slow)])
 def test_errors_that_the_project_comes_with_are_found_again(taichi, name):
-    with SHIPPED.open(newline="", encoding="utf-8") as file:
-        shipped = next(row for row in csv.DictReader(file) if row["case"] == name)
-    base = next(case for case in load_study("accuracy", "draft").cases.values()
-                if case.family.__name__.endswith(f".{name}"))
-    found, = orders_of(name, base.family, points_of([base], [base.run()]))
-    assert found["resolution"] == int(shipped["resolution"])
-    assert found["error"] == pytest.approx(float(shipped["error"]), rel=0.01)
-    assert found["order"] == pytest.approx(float(shipped["order"]), abs=0.05)
+    base = [case for case in load_study("accuracy", "draft").cases.values()
+            if case.family.__name__.endswith(f".{name}")][:3]  # three starts
+    found = orders_of(name, base[0].family, points_of(base, [case.run() for case in base]))
+    shipped = [row for row in shipped_errors() if row["case"] == name]
+    for mine, row in zip(found, shipped, strict=True):
+        assert mine["resolution"] == int(row["resolution"]) and mine["starts"] == int(row["starts"])
+        assert [mine[column] for column in ("error", "least", "most")] == pytest.approx(
+            [float(row[column]) for column in ("error", "least", "most")], rel=0.01)
+        assert mine["order"] == pytest.approx(float(row["order"]), abs=0.05)
 
 
 def test_own_study_counts_more_than_what_the_project_comes_with(tmp_path, monkeypatch):
@@ -371,7 +391,7 @@ def test_own_study_counts_more_than_what_the_project_comes_with(tmp_path, monkey
     scene = load_scene(SCENES / "still_eye.yaml", "draft")
     assert [one.source.split(",")[0] for one in expected_errors(scene, 22.0)] == ["expected_errors.csv"] * 2
     ORDERS.parent.mkdir(parents=True)
-    ORDERS.write_text(",".join(COLUMNS) + "\nhydrostatics,q,1,gravity,1.0,36,0.005,1.2\n")
+    ORDERS.write_text(",".join(COLUMNS) + "\nhydrostatics,q,1,gravity,1.0,36,0.005,0.004,0.006,3,1.2\n")
     assert [one.source.split(",")[0] for one in expected_errors(scene, 22.0)] == ["orders.csv"]
 
 

@@ -14,6 +14,7 @@ from pipeline.study_kit.plan import load_study
 from pipeline.study_kit.tank import COMPUTING_TIME, WALL_TIME, Stopwatch, changed
 from pipeline.study_kit.tradeoff import (
     Point,
+    _outcome,
     change_of,
     levels_of,
     on_front,
@@ -55,8 +56,8 @@ def test_changes_are_told_in_words(study):
     cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
     changes = [change_of(case, cases[0]) for case in cases]
     assert changes[0] == "particle spacing"
-    assert {"tolerances x 0.1", "time step x 0.5", "dfsph", "h/dx 2.5", "f32"} <= set(changes)
-    assert len(set(changes)) == len(changes)
+    assert {"tolerances x 0.1", "time step x 0.5", "dfsph", "h/dx 3", "f32"} <= set(changes)
+    assert len(set(changes)) == len(changes) - 2 and changes[:3] == 3 * ["particle spacing"]  # three starts
 
 
 def test_every_change_has_a_base_of_its_resolution(study):
@@ -81,13 +82,39 @@ def test_study_writes_its_figures_tables_and_remarks(study, tmp_path):
     assert sorted(path.stem for path in tmp_path.glob("*.png")) == sorted(study.pictures())
     assert sorted(path.stem for path in tmp_path.glob("*.csv")) == sorted(study.tables())
     with (tmp_path / "orders.csv").open(newline="") as file:
-        orders = {row["case"]: row for row in csv.DictReader(file)}
-    assert set(orders) == set(study.family_names())
-    assert all(float(row["order"]) == pytest.approx(2.0, abs=0.01) for row in orders.values())
+        orders = list(csv.DictReader(file))
+    assert {row["case"] for row in orders} == set(study.family_names())
+    assert all(float(row["order"]) == pytest.approx(2.0, abs=0.01) for row in orders)
     # The run that others are compared with has an error of its own, which is counted.
-    finest = orders["eye_rest"]
-    assert float(finest["error"]) == pytest.approx(float(finest["resolution"]) ** -2.0, rel=0.02)
-    assert all(outcome.remarks and "order" in outcome.remarks[0] for outcome in found)
+    for row in orders:
+        assert float(row["error"]) == pytest.approx(float(row["resolution"]) ** -2.0, rel=0.02), row
+        assert row["starts"] == ("1" if row["case"] == "eye_rest" else "3")
+    assert all("error to expect: " in outcome.remarks[0] and "order" in outcome.remarks[1] for outcome in found)
+    hydrostatics = next(outcome for outcome in found if outcome.case.startswith("hydrostatics"))
+    assert "0.21 % at draft (0.21 to 0.21 from 3 starts, measured at 22 spacings)" in hydrostatics.remarks[0]
+    expected = {row.quantity: row.value for row in hydrostatics.rows}
+    assert expected["error to expect at standard"] == pytest.approx(55**-2.0)
+
+
+def test_several_starts_are_one_point_with_its_bar_and_changes_are_held_against_the_first(study):
+    cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
+    factors = iter((1.0, 2.0, 6.0))
+    outcomes = []
+    for case in cases:
+        outcome = invented(case)
+        if change_of(case, cases[0]) == "particle spacing":
+            factor = next(factors)
+            outcome.rows = [dataclasses.replace(row, value=2.0 + factor * row.error, error=factor * row.error)
+                            if row.error else row for row in outcome.rows]
+        outcomes.append(outcome)
+    points = points_of(cases, outcomes)
+    assert len({(point.change, point.resolution) for point in points}) == len(points)
+    point = next(one for one in points if (one.change, one.resolution) == ("particle spacing", 22))
+    assert (point.error, point.least, point.most) == pytest.approx((3.0 / 22**2, 1.0 / 22**2, 6.0 / 22**2))
+    assert point.starts == 3 and order_of(points) == pytest.approx(2.0)
+    said = {row.at: row.value for row in _outcome("hydrostatics", cases[0].family, points).rows
+            if row.quantity == "error over that of the base"}
+    assert said and all(value == pytest.approx(1.0) for value in said.values())  # the changes start as the first did
 
 
 def test_runs_that_do_not_converge_yet_have_no_order():
@@ -101,7 +128,7 @@ def test_error_to_expect_is_the_measured_one_and_its_order_no_more_than_the_last
     outcomes = []
     for case in study.cases.values():
         outcome = invented(case)
-        errors = iter((0.4, 0.011, 0.01))
+        errors = iter((0.4, 0.011, 0.01))  # at 6, 10 and 14 spacings
         if case.family.__name__.endswith("laplace") and len(case.parameters.resolutions) == 3:
             headline = case.family.HEADLINE
             outcome.rows = [dataclasses.replace(row, error=next(errors)) if row.quantity == headline else row
@@ -109,17 +136,18 @@ def test_error_to_expect_is_the_measured_one_and_its_order_no_more_than_the_last
         outcomes.append(outcome)
     write_tradeoff(study, outcomes, tmp_path)
     with (tmp_path / "orders.csv").open(newline="") as file:
-        row = next(row for row in csv.DictReader(file) if row["case"] == "laplace")
-    assert float(row["error"]) == 0.01
-    assert float(row["order"]) == pytest.approx(math.log(1.1) / math.log(12 / 8))
+        rows = [row for row in csv.DictReader(file) if row["case"] == "laplace"]
+    assert [float(row["error"]) for row in rows] == pytest.approx([0.4, 0.011, 0.01])
+    assert all(float(row["order"]) == pytest.approx(math.log(1.1) / math.log(14 / 10)) for row in rows)
 
 
 def test_failed_run_has_no_error_and_is_not_on_the_front(study):
     cases = [case for case in study.cases.values() if case.family.__name__.endswith("hydrostatics")]
     outcomes = [invented(case) for case in cases]
-    outcomes[1].rows = [dataclasses.replace(row, error=math.nan) if row.error else row for row in outcomes[1].rows]
-    point = next(one for one in points_of(cases, outcomes) if one.change == "tolerances x 0.1")
-    assert math.isnan(point.error) and not point.front
+    for k in (1, 3):  # the second start, and a change
+        outcomes[k].rows = [dataclasses.replace(row, error=math.nan) if row.error else row for row in outcomes[k].rows]
+    points = [one for one in points_of(cases, outcomes) if one.change in ("tolerances x 0.1", "particle spacing")]
+    assert len(points) == 5 and all(math.isnan(point.error) and not point.front for point in points)
 
 
 def test_inexact_runs_break_no_promise_but_failed_ones_do():
