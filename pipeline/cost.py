@@ -60,8 +60,7 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> float:
 
 def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]], path: Path | None = None) -> str:
     """Return the page, to be written to a file."""
-    errors = [f"expected error, {one['quantity']}: {one['value']:.2g} {'' if one['unit'] == '1' else one['unit']} "
-              f"({one['source']})" for one in level["errors"]]
+    errors = [f"expected error, {one['quantity']}: {one['words']} ({one['source']})" for one in level["errors"]]
     if not errors:
         errors = ["expected error: unknown; the accuracy study has no case whose effects are all in this scene."]
     return page.page(f"{title}: cost", [

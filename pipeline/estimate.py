@@ -62,8 +62,7 @@ def rows(level: Prediction) -> list[tuple[str, str]]:
 
 def notes(level: Prediction) -> list[str]:
     """Return sentences on one level: expected errors with their source, and what could not be measured."""
-    found = [f"expected error, {one.quantity}: {one.value:.2g}{'' if one.unit == '1' else f' {one.unit}'} "
-             f"({one.source})" for one in level.errors]
+    found = [f"expected error, {one.quantity}: {one.words} ({one.source})" for one in level.errors]
     if not found:
         found = [f"expected error: {UNKNOWN} (the accuracy study has no case whose effects are all in this scene)"]
     return found + list(level.notes)

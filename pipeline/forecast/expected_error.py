@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.base.errors import UserError
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import Scene
 
@@ -28,17 +29,25 @@ COLUMNS = ("case", "quantity", "unit", "effects", "per_width", "resolution", "er
 
 @dataclasses.dataclass(frozen=True)
 class ExpectedError:
-    """An error to expect: of which quantity, how large (mean of several starts), and where the number comes from."""
+    """An error to expect: of which quantity, how large, the same in words with its unit, and where it comes from."""
 
     quantity: str
     value: float
-    unit: str
+    words: str
     source: str
 
 
 def errors_file() -> Path:
     """What the accuracy study has written here, or else what it had for the authors."""
     return ORDERS if ORDERS.is_file() else SHIPPED
+
+
+def in_words(errors: Sequence[float], unit: str, starts: int) -> tuple[str, str]:
+    """Return the mean error with its unit, a relative one in percent, and "least to most from so many starts"."""
+    percent = unit == "1"
+    mean, least, most = (f"{100.0 * one if percent else one:.2g}" for one in errors)
+    spread = f"{least} to {most} from {starts} starts" if starts > 1 else ""
+    return f"{mean} {'%' if percent else unit}", spread
 
 
 def error_at(size: float, known: Sequence[Sequence[float]], order: float) -> tuple[np.ndarray, str]:
@@ -71,10 +80,19 @@ def expected_errors(scene: Scene, width: float, path: Path | None = None) -> lis
     width : of the cavity in particle spacings. A case with a drop or a layer in it counts the spacings along that: the
         scene is taken to have a drop or a layer of the same share of its width (``per_width``).
     path : of the study's ``orders.csv``; :func:`errors_file` without it.
+
+    Raises
+    ------
+    UserError
+        The file is one of an older version.
     """
     path = path or errors_file()
     with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        reader = csv.DictReader(file)
+        rows = list(reader)
+    if tuple(reader.fieldnames or ()) != COLUMNS:
+        raise UserError(f"{path}: its columns are {', '.join(reader.fieldnames or ('none',))}, but must be "
+                        f"{', '.join(COLUMNS)}; `snakemake -j2 accuracy` writes it anew")
     found = []
     for _, same in itertools.groupby(rows, lambda row: row["case"]):
         sizes = [row for row in same if math.isfinite(float(row["error"]))]
@@ -82,9 +100,8 @@ def expected_errors(scene: Scene, width: float, path: Path | None = None) -> lis
             continue
         row, here = sizes[0], width * float(sizes[0]["per_width"])
         known = [[float(one[column]) for column in ("resolution", "error", "least", "most")] for one in sizes]
-        (value, least, most), how = error_at(here, known, float(row["order"] or "nan"))
-        starts = int(row["starts"])
-        spread = f"; {least:.2g} to {most:.2g} from {starts} starts" if starts > 1 else ""
-        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", float(value), row["unit"],
-                                   f"{path.name}, {how}{spread}"))
+        errors, how = error_at(here, known, float(row["order"] or "nan"))
+        words, spread = in_words(errors.tolist(), row["unit"], int(row["starts"]))
+        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", float(errors[0]), words,
+                                   ", ".join(filter(None, (path.name, how, spread)))))
     return found

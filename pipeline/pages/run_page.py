@@ -200,8 +200,7 @@ def _cost(run: Run) -> list[Markup]:
     sums = {"wall": sum(every["wall"]), "cpu": sum(every["cpu"]), "memory": max(every["memory"], default=0.0)}
     rows = [(stage, duration(taken["wall"]), duration(taken["cpu"]), memory(taken["memory"]))
             for stage, taken in (*run.taken.items(), ("all", sums))]
-    errors = [f"{one['quantity']}: {one['value']:.2g}{'' if one['unit'] == '1' else ' ' + one['unit']} "
-              f"({one['source']})" for one in run.predicted["errors"]]
+    errors = [f"{one['quantity']}: {one['words']} ({one['source']})" for one in run.predicted["errors"]]
     return [page.table(("stage", "by the clock", "of all cores", "memory"), rows),
             page.paragraph("Errors to expect, those of the accuracy study at this spacing:") if errors else
             page.paragraph("The error to expect is not known: the accuracy study has no case whose effects are all in "

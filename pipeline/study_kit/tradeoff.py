@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
-from pipeline.forecast.expected_error import error_at
+from pipeline.forecast.expected_error import error_at, in_words
 from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome, Row, observed_order
@@ -271,8 +271,9 @@ def _outcome(name: str, family, points: Sequence[Point]) -> Outcome:
     base, said = {point.resolution: point for point in points if point.change == SPACING}, []
     bought = _bought(name, family, points)
     if bought:
-        outcome.rows += [Row(f"error to expect at {level}", error, unit, at=f"n={size:.3g}")
-                         for level, size, error, unit, _ in bought]
+        outcome.rows += [Row(f"{which} error at {level}", error, unit, at=f"n={size:.3g}")
+                         for level, size, errors, unit, _ in bought
+                         for which, error in zip(("mean", "least", "largest"), errors, strict=True)]
         outcome.remarks.append(f"{name}: {family.HEADLINE}, error to expect: "
                                + "; ".join(words for *_, words in bought) + ".")
     for point in points:
@@ -280,9 +281,9 @@ def _outcome(name: str, family, points: Sequence[Point]) -> Outcome:
         if point.change == SPACING or beside is None or beside.first == 0.0:
             continue
         exact, dear = point.error / beside.first, point.cpu / beside.cpu
-        at = f"{point.change} n={point.resolution}"
-        outcome.rows += [Row("error over that of the base", exact, at=at, wall_s=point.wall),
-                         Row("computing time over that of the base", dear, at=at, wall_s=point.wall)]
+        at = f"n={point.resolution}"
+        outcome.rows += [Row(f"{point.change}: error over that of the base", exact, at=at, wall_s=point.wall),
+                         Row(f"{point.change}: computing time over that of the base", dear, at=at, wall_s=point.wall)]
         said.append(f"{point.change} {exact:.2f} and {dear:.2f}")
     if said:
         outcome.remarks.append(f"{name}: {_said(order)}; error and computing time over those of the base: "
@@ -290,19 +291,17 @@ def _outcome(name: str, family, points: Sequence[Point]) -> Outcome:
     return outcome
 
 
-def _bought(name: str, family, points: Sequence[Point]) -> list[tuple[str, float, float, str, str]]:
-    """For every accuracy level its name, spacings along the case, the error to expect, its unit, and all in words."""
+def _bought(name: str, family, points: Sequence[Point]) -> list[tuple[str, float, list[float], str, str]]:
+    """For every accuracy level its name, spacings along the case, the errors to expect, their unit, all in words."""
     rows, found = orders_of(name, family, points), []
     for level, spacing in (spacings() if rows else {}).items():
         size = family.PER_WIDTH * WIDTH / spacing
         known = [[row[column] for column in ("resolution", "error", "least", "most")] for row in rows]
-        (error, least, most), how = error_at(size, known, rows[0]["order"])
+        errors, how = error_at(size, known, rows[0]["order"])
         unit = rows[0]["unit"]
-        shown = [f"{100.0 * one:.2g}" if unit == "1" else f"{one:.2g}" for one in (error, least, most)]
-        words = f"{shown[0]} {'%' if unit == '1' else unit} at {level}"
-        words += f" ({shown[1]} to {shown[2]} from {rows[0]['starts']} starts, {how})" if rows[0]["starts"] > 1 else (
-            f" ({how})")
-        found.append((level, size, float(error), unit, words))
+        mean, spread = in_words(errors.tolist(), unit, rows[0]["starts"])
+        words = f"{mean} at {level} ({', '.join(filter(None, (spread, how)))})"
+        found.append((level, size, errors.tolist(), unit, words))
     return found
 
 

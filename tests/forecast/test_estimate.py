@@ -339,14 +339,14 @@ def test_expected_error_is_measured_interpolated_or_carried_over_by_the_order(tm
     found = expected_errors(scene, 80.0, path)  # 40 spacings along the case
     assert [one.quantity for one in found] == ["a: q", "b: q"]  # this scene has no tension
     assert found[0].value == pytest.approx(0.02 / 2**2) and "order 2.0 from 20 to 40" in found[0].source
-    assert "0.0025 to 0.0075 from 3 starts" in found[0].source
+    assert found[0].words == "0.5 %" and "0.25 to 0.75 from 3 starts" in found[0].source
     assert found[1].value == 0.02 and "does not fall steadily" in found[1].source
     measured, = {(one.value, one.source) for one in expected_errors(scene, 21.0, path)}  # 10.5, near 10
-    assert measured == (0.04, "orders.csv, measured at 10 spacings; 0.03 to 0.06 from 3 starts")
+    assert measured == (0.04, "orders.csv, measured at 10 spacings, 3 to 6 from 3 starts")
     between, _ = expected_errors(scene, 2.0 * math.sqrt(200.0), path)
     assert between.value == pytest.approx(0.03) and "between 10 and 20 spacings" in between.source
     level = dataclasses.replace(predict(scene, synthetic(scene)), errors=tuple(found))
-    assert notes(level)[0].startswith("expected error, a: q: 0.005 (")
+    assert notes(level)[0].startswith("expected error, a: q: 0.5 % (")
     assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]
 
 
@@ -393,6 +393,13 @@ def test_own_study_counts_more_than_what_the_project_comes_with(tmp_path, monkey
     ORDERS.parent.mkdir(parents=True)
     ORDERS.write_text(",".join(COLUMNS) + "\nhydrostatics,q,1,gravity,1.0,36,0.005,0.004,0.006,3,1.2\n")
     assert [one.source.split(",")[0] for one in expected_errors(scene, 22.0)] == ["orders.csv"]
+
+
+def test_errors_of_an_older_version_are_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "orders.csv"
+    path.write_text("case,quantity,unit,effects,per_width,resolution,error,order\n")
+    with pytest.raises(UserError, match=r"orders\.csv: its columns are case, .*but must be .*least.*writes it anew"):
+        expected_errors(load_scene(SCENES / "still_eye.yaml", "draft"), 22.0, path)
 
 
 # The command

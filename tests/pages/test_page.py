@@ -80,7 +80,7 @@ def write_costs(folder):
     (folder / "costs" / "segment_000.json").write_text(
         json.dumps({"steps": 200, "particles": 3216, "device": "cpu", "frames": []}))
     (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
-    error = {"quantity": "laplace: pressure jump", "value": 0.004, "unit": "1", "source": "a table"}
+    error = {"quantity": "laplace: pressure jump", "value": 0.004, "words": "0.4 %", "source": "a table"}
     (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [error]}]}))
 
 
