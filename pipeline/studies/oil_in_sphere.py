@@ -63,6 +63,8 @@ class Parameters(PackedParameters):
     water_viscosity: float = parameter(0.1, unit="Pa*s", minimum=0.0, meaning="viscosity of the water")
     radius: float = parameter(0.011, unit="m", exclusive_minimum=0.0, meaning="radius of the cavity")
     steps: int = parameter(5000, minimum=50, meaning="time steps at least")
+    duration: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
+                                       meaning="simulated time in place of so many steps")
     resolutions: tuple[int, ...] = parameter((11,), minimum=6, meaning="particles along the radius, coarse to fine")
     # Gravity in full never acts: the limit of the tension is what counts.
     largest_step: float = parameter(0.2, exclusive_minimum=0.0, meaning="largest time step in sqrt(spacing / g)")
@@ -118,8 +120,9 @@ def rest(case: Parameters, exact: Profile, resolution: int) -> tuple[Run, Readin
     ideal = _ideal(case, exact, arrays)
     solver = _build(case, arrays, lambda x: _flat(case, x))
     tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
-    until = case.steps * min(tension.stable_time_step(), solver.settings.numerics.maximum_time_step)
-    return advance(solver, until, f"R/dx={resolution}", _watch(case, arrays)), ideal
+    step = min(tension.stable_time_step(), solver.settings.numerics.maximum_time_step)
+    steps = case.steps if case.duration is None else round(case.duration / step)
+    return advance(solver, steps * step, f"R/dx={resolution}", _watch(case, arrays, steps)), ideal
 
 
 def _capillary_constant(case: Parameters) -> float:
@@ -157,14 +160,14 @@ def _ideal(case: Parameters, exact: Profile, arrays) -> Reading:
     return read(case, solver, arrays)
 
 
-def _watch(case: Parameters, arrays):
-    """Return a function that reads the solver from time to time and repeats itself in between."""
+def _watch(case: Parameters, arrays, steps: int):
+    """Return a function that reads the solver :data:`READINGS` times in so many steps and repeats itself in between."""
     last: dict[str, float] = {}
 
     def watch(solver) -> dict[str, float]:
         if not last:
             solver.prepare_output()
-        if not last or solver.step_count % max(1, case.steps // READINGS) == 0:
+        if not last or solver.step_count % max(1, steps // READINGS) == 0:
             last.update(dataclasses.asdict(read(case, solver, arrays)))
         return dict(last)
 
@@ -305,7 +308,7 @@ def _rows(case: Parameters, exact: Profile, ideal: Reading, result: Run) -> list
 
 
 def _curves(case: Parameters, exact: Profile, ideal: Reading, result: Run, name: str) -> list[Curve]:
-    shown = slice(None, None, max(1, case.steps // READINGS))
+    shown = slice(None, None, max(1, len(result.history["time"]) // READINGS))
     steps = np.arange(len(result.history["time"]))[shown]
     arc, apex, coverage = (result.history[key][shown] for key in ("arc", "apex", "coverage"))
     curves = [Curve("oil_in_sphere_arc", name, steps, arc - exact.arc, "line"),
