@@ -1,6 +1,5 @@
 """The dam in this project."""
 import argparse
-import dataclasses
 from pathlib import Path
 
 import dam
@@ -26,8 +25,6 @@ def build(scheme: str, n: int, time_step: float = dam.TIME_STEP, liquids: int = 
     position = arrays["fluid_position"]
     cube = (position[:, 0] < 0.0) & (position[:, 1] < 0.0)
     parameters = schemes.REGISTRY[scheme].Parameters(**TOLERANCES.get(scheme, {}))
-    if scheme == "dfsph" and liquids > 1:  # as the peer does
-        parameters = dataclasses.replace(parameters, density_form="volume")
     effects = [REGISTRY["gravity"].Parameters(magnitude=dam.GRAVITY),
                REGISTRY["viscosity"].Parameters(wall="free_slip")]
     if dam.TENSION[liquids]:

@@ -169,10 +169,10 @@ def scheme_can_run_the_effects(numerics: Numerics, effects: dict, liquids: tuple
                                       "choose another numerics.scheme")
 
 
-def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...], container: Container | None,
-                                       blocks: tuple[Block, ...]) -> Found:
+def scheme_can_solve_the_density_ratio(numerics: Numerics, liquids: tuple[Material, ...], schemes: dict,
+                                       container: Container | None, blocks: tuple[Block, ...]) -> Found:
     densities, closed = [liquid.density for liquid in liquids], is_closed(container, blocks)
-    limit = SCHEMES[numerics.scheme].density_ratio_limit(closed)
+    limit = SCHEMES[numerics.scheme].density_ratio_limit(closed, schemes.get(numerics.scheme))
     if densities and max(densities) > limit * (1.0 + ROUNDING) * min(densities):
         yield (("liquids",), f"have densities from {min(densities):g} to {max(densities):g} kg/m3, a ratio of "
                              f"{max(densities) / min(densities):.3g}, but the scheme {numerics.scheme} was shown to "

@@ -1,9 +1,9 @@
 """Divergence-free SPH [bender2017]: two pressure solves per step, for liquids with a free surface.
 
-The density is summed over the masses of the neighbors, rho_i = (sum of m_j W_ij + rho0_i sum of V_b W_ib) / L with
-the sum L of V W over a lattice: a lattice is at rest. Across an interface of two liquids this density is smeared, and
-the pressures there are wrong: that is the method's known error, in [song, fig. 4] too. With `density_form: volume`
-every particle counts its neighbors as if they were of its own liquid, and nothing is smeared.
+The density is a sum over the neighbors, rho_i = (sum of m_j W_ij + rho0_i sum of V_b W_ib) / L with the sum L of V W
+over a lattice: a lattice is at rest. A particle counts its neighbors by their volumes, as if they were of its own
+liquid. By their masses, as in the papers (`density_form: mass`), the density is smeared across an interface of two
+liquids, and the pressures there are wrong: that is the method's known error, in [song, fig. 4] too.
 
 With kappa_i = p_i/rho_i^2 and the wall pushed by the pressure of the liquid particle alone [akinci2012],
 a_i = -sum of m_j (kappa_i + kappa_j) G_ij / L - kappa_i rho0_i sum of V_b G_ib / L is antisymmetric. Each solve is a
@@ -29,6 +29,7 @@ from sim.smoothing_kernels import lattice_sum
 FEWEST_NEIGHBORS = {2: 7, 3: 20}  # with fewer, the divergence of a particle is not corrected
 POWER_ITERATIONS = 60  # for the largest eigenvalue at the start, which sets the relaxation
 RELAXATION = 1.6  # over the largest eigenvalue; 2 is the limit of stability
+SMEARED = 1.2  # largest density ratio in a full cavity by masses: the smeared density asks for room that is not there
 DIVERGENCE_WARM_START = 0.5  # the divergence of one step says little about that of the next
 
 
@@ -46,9 +47,9 @@ class DFSPHParameters:
     maximum_iterations: int = parameter(100, minimum=1, maximum=10000, meaning="most iterations of either solve")
     warm_start: float = parameter(0.9, minimum=0.0, maximum=1.0,
                                   meaning="share of the last step's pressure that the density solve starts from")
-    density_form: str = parameter("mass", choices=("mass", "volume"),
-                                  meaning="sum over the masses of the neighbors, as in the papers, or over their "
-                                          "volumes, which keeps the densities of two liquids apart")
+    density_form: str = parameter("volume", choices=("mass", "volume"),
+                                  meaning="sum over the volumes of the neighbors, or over their masses, as in the "
+                                          "papers, which smears the densities of two liquids")
     chebyshev_radius: float = parameter(0.9, minimum=0.0, maximum=0.999,
                                         meaning="spectral radius assumed by Chebyshev acceleration; 0 is without")
 
@@ -62,9 +63,8 @@ class DFSPH(Scheme):
     lacks = MappingProxyType({GROWTH: "its density solve has no source for growing volumes"})
     unread = MappingProxyType({"pressure_tolerance": "schemes.dfsph.density_error and divergence_error",
                                "maximum_iterations": "schemes.dfsph.maximum_iterations"})
-    largest_density_ratio = 10.0  # bounded at 1:100 too, but the light liquid swells by 15 %
-    # The density smeared across an interface asks for room that a full cavity lacks: at 1:3 particles are thrown about.
-    largest_density_ratio_full = 1.2
+    largest_density_ratio = 10.0  # at 1:100 gravity that flips at once throws particles about
+    largest_density_ratio_full = 5.0  # at 1:10 the same
     fields = (
         Field("pressure", "scalar", "Pa", "pressure of both solves", carried=True),
         Field("compression_rate", "scalar", "1", "Gamma_i = sum of V_j W_ij over liquid and wall"),
@@ -97,6 +97,13 @@ class DFSPH(Scheme):
 
     def meet(self, effects) -> None:
         self.masses_change = "volume_fraction" in self.solver.particles.arrays
+
+    @classmethod
+    def density_ratio_limit(cls, closed: bool, parameters=None) -> float:
+        """Less by masses in a full cavity."""
+        limit = super().density_ratio_limit(closed)
+        smeared = closed and (parameters or cls.Parameters()).density_form == "mass"
+        return min(limit, SMEARED) if smeared else limit
 
     @classmethod
     def iteration_limit(cls, settings) -> tuple[int, str]:

@@ -86,8 +86,10 @@ class Scheme(abc.ABC):
         return self.solver.settings.numerics
 
     @classmethod
-    def density_ratio_limit(cls, closed: bool) -> float:
-        """Largest ratio of densities that the scheme was shown to work with, in a full cavity or not."""
+    def density_ratio_limit(cls, closed: bool, parameters: Any = None) -> float:
+        """Largest ratio of densities that the scheme was shown to work with, in a full cavity or not, with its
+        parameters, or with its defaults.
+        """
         full = cls.largest_density_ratio_full
         return full if closed and full is not None else cls.largest_density_ratio
 

@@ -205,6 +205,18 @@ def test_limits_of_a_scheme_are_respected(write, monkeypatch):
     assert "effects.gravity cannot be used with the scheme wcsph: it floats" in errors_of(write("extends: base"))[0]
 
 
+@pytest.mark.parametrize(("form", "density", "limit"), [
+    ("volume", "195 kg/m3", None), ("volume", "190 kg/m3", "5"), ("mass", "900 kg/m3", None),
+    ("mass", "800 kg/m3", "1.2")])
+def test_dfsph_takes_less_of_a_ratio_in_a_full_cavity_where_it_sums_masses(write, form, density, limit):
+    path = write(f"extends: base\n{FULL}\nliquids: {{aqueous: {{density: {density}}}, silicone_oil_1000: {{}}}}\n"
+                 f"numerics: {{scheme: dfsph}}\nschemes: {{dfsph: {{density_form: {form}}}}}\n")
+    if limit is None:
+        assert load_scene(path, "draft").schemes["dfsph"].density_form == form
+    else:
+        assert f"but the scheme dfsph was shown to work up to {limit} in a full cavity" in errors_of(path)[0]
+
+
 def test_injection_beside_a_gas_is_refused(write):
     """Beyond a density ratio of 2 the scheme solves with pressures >= 0, which takes up no growing volumes."""
     injection = ("effects: {injection: {liquid: aqueous, drained_liquid: silicone_oil_1000, flow: 1e-6, fill: 0.5, "

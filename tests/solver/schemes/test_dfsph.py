@@ -83,10 +83,10 @@ def test_diagonal_is_that_of_the_matrix(form):
 def test_density_by_volume_is_that_of_one_liquid():
     """Whatever the masses of the neighbors: no particle at an interface seems crowded or alone."""
     heavy, light = Liquid("heavy", 1000.0, 1e-3), Liquid("light", 100.0, 1e-3)
-    by_volume = DFSPHParameters(density_form="volume")
+    by_mass = DFSPHParameters(density_form="mass")
     one = drop("dfsph", 2, liquids=(heavy,), phase=lambda x: x[:, 0] > np.inf)
-    two = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0, scheme_parameters=by_volume)
-    smeared = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0)
+    two = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0)
+    smeared = drop("dfsph", 2, liquids=(heavy, light), phase=lambda x: x[:, 0] > 0.0, scheme_parameters=by_mass)
     np.testing.assert_allclose(*(cavities.read(solver, "density")[0] for solver in (two, one)), rtol=1e-12)
     density, mass, volume = cavities.read(smeared, "density", "mass", "volume")
     assert (density / (mass / volume)).max() > 2.0
