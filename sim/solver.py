@@ -204,7 +204,12 @@ class Solver:
             self.velocity[i] += dt * self.acceleration[i]
 
     def stable_time_step(self) -> float:
-        """Smallest limit of the scheme and of the active effects, s (docs/methods/time_step.md)."""
+        """Smallest limit of the motion, of the scheme and of the active effects, s (docs/methods/time_step.md)."""
+        return min(self.time_step_of_motion(), self.scheme.stable_time_step(),
+                   *(effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")))
+
+    def time_step_of_motion(self) -> float:
+        """Limit by what the particles do, and the largest step, s."""
         numerics = self.settings.numerics
         speed, change = self.largest[SPEED], self.largest[CHANGE]
         limits = [numerics.maximum_time_step]
@@ -215,8 +220,6 @@ class Solver:
         if self.step_count == 0:  # no acceleration was measured yet
             limits += [0.5 * (self.spacing / e.largest_acceleration()) ** 0.5 for e in self.effects
                        if e.largest_acceleration() > 0.0]
-        limits.append(self.scheme.stable_time_step())
-        limits += [effect.stable_time_step() for effect in self.effects if effect.overrides("stable_time_step")]
         return min(limits)
 
     def set_time_steps(self, **values: Any) -> None:

@@ -237,9 +237,9 @@ class DFSPH(Scheme):
         -------
         iterations, mean and largest relative compression left.
         """
-        # A step much shorter than the others (before a frame) must not shed a standing error at a high speed.
-        usual = self.numerics.time_step or self.solver.stable_time_step()
-        self._start(kappa, dt, min(1.0, 2.0 * dt / usual), divergence)
+        # A step much shorter than the motion asks for (before a frame, or for an effect that is stiff) must not shed a
+        # standing error at a high speed: with a tension that asks for tenths of a millisecond liquid at rest would heat.
+        self._start(kappa, dt, min(1.0, 2.0 * dt / self.solver.time_step_of_motion()), divergence)
         iterations, weight = 0, 1.0
         radius = self.parameters.chebyshev_radius
         while iterations < self.parameters.maximum_iterations:

@@ -38,6 +38,7 @@ from sim.smoothing_kernels import lattice_sum
 
 PAPER_DENSITY = 1.25  # particles per dx^d at rest [pbf, section Initialization]: the liquid shrinks to 80 %
 PLAIN_ITERATIONS = 3  # iterations before the Chebyshev weights set in (contacts have to settle first [wang2015])
+START_PROJECTIONS = 8  # of a full cavity before its first step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,6 +169,21 @@ class PositionBased(Scheme):
         self._measure()
         if self.closed:
             self._set_rest_to_mean()
+
+    def set_rest_state(self) -> None:
+        """Move the particles of a full cavity onto their constraints [macklin2014, section 4.4].
+
+        What the packing has left would become velocity in the first step.
+        """
+        if not self.closed:
+            return
+        velocity = self.velocity.to_numpy()
+        for _ in range(START_PROJECTIONS):
+            self.velocity.fill(0.0)
+            self.project(1.0)
+            self._arrive()
+        self.velocity.from_numpy(velocity)
+        self.pressure.fill(0.0)
 
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver
