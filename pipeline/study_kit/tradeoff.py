@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
-from pipeline.forecast.expected_error import error_at, in_words
+from pipeline.forecast.expected_error import LEAST_ORDER, error_at, in_words
 from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome, Row, observed_order
@@ -32,7 +32,7 @@ NAMES = {"tolerance_factor": "tolerances x {:g}", "time_step_factor": "time step
          "precision": "{}", "scheme": "{}"}
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4aa8a0", "#d16ba5", "#7a8b2f", "#4b4e57", "#a05a2c")
 MARKERS = "sD^v<>PXp"
-ORDERS = np.linspace(0.1, 6.0, 1181)  # that are tried where the finest run is the reference
+ORDERS = np.linspace(LEAST_ORDER, 6.0, 1101)  # that are tried where the finest run is the reference
 
 
 @dataclasses.dataclass(frozen=True)
