@@ -323,8 +323,6 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     if bars:
         axes.vlines([point.cpu for point in bars], [point.least for point in bars], [point.most for point in bars],
                     color="black", lw=1.2, label=f"least to largest of {bars[0].starts} starts")
-    for point in base:
-        axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points", fontsize=8)
     looks = zip(itertools.cycle(COLORS), itertools.cycle(MARKERS), strict=False)
     for change in dict.fromkeys(point.change for point in shown if point.change != SPACING):
         color, marker = next(looks)
@@ -337,15 +335,17 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     # A difference from the finest run is no error: beside it, the error that a level has would mislead.
     levels = {} if getattr(family, "SELF_CONVERGENCE", False) else levels_of(points, family.PER_WIDTH, spacings())
     for level, (resolution, time, error) in levels.items():
-        if not math.isfinite(error):
-            continue
-        if math.isfinite(time):
+        if math.isfinite(error) and math.isfinite(time):
             axes.plot(time, error, "*", ms=15, mfc="#c8a200", mec="black", zorder=6)
             axes.annotate(f"{level} ({resolution:.3g})", (time, error), (9, 6), textcoords="offset points", fontsize=9)
-        else:
+        elif math.isfinite(error) and order_to_quote(points) >= LEAST_ORDER:
             axes.axhline(error, color="#8a7000", lw=0.9, ls=":", zorder=0)
             axes.annotate(f"{level} ({resolution:.3g}), by the observed order", (0.995, error), xycoords=(
                 "axes fraction", "data"), ha="right", va="bottom", fontsize=8, color="#6b5700")
+    for point in base:
+        if not any(math.isclose(point.resolution, resolution, rel_tol=0.1) for resolution, *_ in levels.values()):
+            axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points",
+                          fontsize=8)
     unit = f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""
     axes.set(xlabel="computing time without compilation, all cores / s", ylabel=f"error: {family.HEADLINE}{unit}")
     if shown:
