@@ -16,7 +16,10 @@ def read_level(path: Path, scene: Scene) -> dict[str, Any]:
     """
     try:
         levels = json.loads(path.read_text(encoding="utf-8"))["levels"]
-        return next(one for one in levels if one["accuracy"] == scene.accuracy)
+        level = next(one for one in levels if one["accuracy"] == scene.accuracy)
+        for error in level["errors"]:
+            error["words"]  # which an older version has not written
+        return level
     except (OSError, ValueError, KeyError, TypeError, StopIteration) as error:
         raise UserError(f"{path}: is no estimate of {scene.name} at {scene.accuracy}; make it again with "
                         "`python -m pipeline.estimate`") from error

@@ -33,13 +33,19 @@ class ExpectedError:
 
     quantity: str
     value: float
+    unit: str
     words: str
     source: str
 
 
 def errors_file() -> Path:
-    """What the accuracy study has written here, or else what it had for the authors."""
-    return ORDERS if ORDERS.is_file() else SHIPPED
+    """What the accuracy study has written here, by this version, or else what it had for the authors."""
+    return ORDERS if ORDERS.is_file() and _columns(ORDERS) == COLUMNS else SHIPPED
+
+
+def _columns(path: Path) -> tuple[str, ...]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return tuple(next(csv.reader(file), ()))
 
 
 def in_words(errors: Sequence[float], unit: str, starts: int) -> tuple[str, str]:
@@ -62,14 +68,14 @@ def error_at(size: float, known: Sequence[Sequence[float]], order: float) -> tup
     nearest = int(np.argmin(np.abs(np.log(sizes / size))))
     there, found = sizes[nearest], np.array(errors)[:, nearest]
     if max(there / size, size / there) < ALIKE:
-        return found, f"measured at {there:g} spacings"
+        return found, f"at {there:g} spacings"
     if sizes[0] < size < sizes[-1]:
         after = int(np.searchsorted(sizes, size))
         between = np.array([np.interp(math.log(size), np.log(sizes), one) for one in errors])
         return between, f"between {sizes[after - 1]:g} and {sizes[after]:g} spacings"
     if order >= LEAST_ORDER:
         return found * (there / size) ** order, f"order {order:.1f} from {there:g} to {size:.3g} spacings"
-    return found, f"at {there:g} spacings; it does not fall steadily"
+    return found, f"that at {there:g} spacings, for it does not fall steadily"
 
 
 def expected_errors(scene: Scene, width: float, path: Path | None = None) -> list[ExpectedError]:
@@ -84,24 +90,23 @@ def expected_errors(scene: Scene, width: float, path: Path | None = None) -> lis
     Raises
     ------
     UserError
-        The file is one of an older version.
+        The file has other columns.
     """
     path = path or errors_file()
+    columns = _columns(path)
+    if columns != COLUMNS:
+        raise UserError(f"{path}: its columns are {', '.join(columns) or 'none'}, but must be {', '.join(COLUMNS)}")
     with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        rows = list(reader)
-    if tuple(reader.fieldnames or ()) != COLUMNS:
-        raise UserError(f"{path}: its columns are {', '.join(reader.fieldnames or ('none',))}, but must be "
-                        f"{', '.join(COLUMNS)}; `snakemake -j2 accuracy` writes it anew")
+        rows = list(csv.DictReader(file))
     found = []
     for _, same in itertools.groupby(rows, lambda row: row["case"]):
-        sizes = [row for row in same if math.isfinite(float(row["error"]))]
+        sizes = [row for row in same if math.isfinite(float(row["error"] or "nan"))]
         if not sizes or not set(sizes[0]["effects"].split()) <= scene.effects.keys():
             continue
         row, here = sizes[0], width * float(sizes[0]["per_width"])
         known = [[float(one[column]) for column in ("resolution", "error", "least", "most")] for one in sizes]
         errors, how = error_at(here, known, float(row["order"] or "nan"))
         words, spread = in_words(errors.tolist(), row["unit"], int(row["starts"]))
-        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", float(errors[0]), words,
+        found.append(ExpectedError(f"{row['case']}: {row['quantity']}", float(errors[0]), row["unit"], words,
                                    ", ".join(filter(None, (path.name, how, spread)))))
     return found

@@ -121,7 +121,7 @@ def rest(case: Parameters, exact: Profile, resolution: int) -> tuple[Run, Readin
     solver = _build(case, arrays, lambda x: _flat(case, x))
     tension = next(effect for effect in solver.effects if effect.name == "interface_tension")
     step = min(tension.stable_time_step(), solver.settings.numerics.maximum_time_step)
-    steps = case.steps if case.duration is None else round(case.duration / step)
+    steps = case.steps if case.duration is None else max(1, round(case.duration / step))
     return advance(solver, steps * step, f"R/dx={resolution}", _watch(case, arrays, steps)), ideal
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.files import replacing
+from pipeline.forecast.expected_error import ALIKE, LEAST_ORDER, error_at, in_words
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
-from pipeline.forecast.expected_error import LEAST_ORDER, error_at, in_words
 from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome, Row, observed_order
@@ -207,7 +207,7 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
                    [dataclasses.asdict(point) for point in points])
         _draw(target / f"{name}_tradeoff.png", name, family, points)
         orders += orders_of(name, family, points)
-        found.append(_outcome(name, family, points))
+        found.append(in_short(name, family, points))
     _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
     return found
 
@@ -239,20 +239,25 @@ def _by_difference(points: Sequence[Point], base: Sequence[Point]) -> bool:
 
 
 def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
-    """Return the rows of a family for orders.csv, one for every size; empty where no run has an error."""
+    """Return the rows of a family for orders.csv, one for every size; empty where nothing is known of its error.
+
+    A difference from the finest run of the sweep says nothing of the error which that run has itself: the error is that
+    of the observed law then, and unknown without one.
+    """
     base = base_points(points)
     if not base:
         return []
     order, factor = law_of(points)
-    # What is measured as the difference from the finest run says nothing of the error which that run has itself.
-    lawful = _by_difference(points, base) and math.isfinite(order)
+    by_difference = _by_difference(points, base)
+    if by_difference and not math.isfinite(order):
+        return []
     quoted, rows = order_to_quote(points), []
     for point in base:
-        scale = factor * point.resolution**-order / point.error if lawful else 1.0
+        errors = [factor * point.resolution**-order] * 3 if by_difference else [point.error, point.least, point.most]
         rows.append({"case": name, "quantity": family.HEADLINE, "unit": point.unit,
                      "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
-                     "resolution": point.resolution, "error": scale * point.error, "least": scale * point.least,
-                     "most": scale * point.most, "starts": point.starts, "order": quoted})
+                     "resolution": point.resolution, **dict(zip(("error", "least", "most"), errors, strict=True)),
+                     "starts": point.starts, "order": quoted})
     return rows
 
 
@@ -262,9 +267,9 @@ def _last_order(base: Sequence[Point]) -> float:
     return observed_order([1.0 / point.resolution for point in last], [point.error for point in last])
 
 
-def _outcome(name: str, family, points: Sequence[Point]) -> Outcome:
-    """What the levels give, and what every change gains or loses beside the base at the same resolution from the same
-    start, as rows and as sentences.
+def in_short(name: str, family, points: Sequence[Point]) -> Outcome:
+    """What the levels give, and what every change gains or loses at the same resolution, as rows and as sentences: its
+    error over that of the base from the same start, its time over the mean of all starts.
     """
     order = order_of(points)
     outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
@@ -343,7 +348,8 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
             axes.annotate(f"{level} ({resolution:.3g}), by the observed order", (0.995, error), xycoords=(
                 "axes fraction", "data"), ha="right", va="bottom", fontsize=8, color="#6b5700")
     for point in base:
-        if not any(math.isclose(point.resolution, resolution, rel_tol=0.1) for resolution, *_ in levels.values()):
+        starred = [size for size, time, _ in levels.values() if math.isfinite(time)]
+        if not any(1.0 / ALIKE < point.resolution / size < ALIKE for size in starred):
             axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points",
                           fontsize=8)
     unit = f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""

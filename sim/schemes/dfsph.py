@@ -29,7 +29,9 @@ from sim.smoothing_kernels import lattice_sum
 FEWEST_NEIGHBORS = {2: 7, 3: 20}  # with fewer, the divergence of a particle is not corrected
 POWER_ITERATIONS = 60  # for the largest eigenvalue at the start, which sets the relaxation
 RELAXATION = 1.6  # over the largest eigenvalue; 2 is the limit of stability
-SMEARED = 1.2  # largest density ratio in a full cavity by masses: the smeared density asks for room that is not there
+# Largest density ratios by masses: in a full cavity the smeared density asks for room that is not there (True), under a
+# free surface 1:2, the paper's, throws particles where two bodies meet, and more throws them about.
+SMEARED = {True: 1.2, False: 2.0}
 DIVERGENCE_WARM_START = 0.5  # the divergence of one step says little about that of the next
 
 
@@ -100,10 +102,9 @@ class DFSPH(Scheme):
 
     @classmethod
     def density_ratio_limit(cls, closed: bool, parameters=None) -> float:
-        """Less by masses in a full cavity."""
-        limit = super().density_ratio_limit(closed)
-        smeared = closed and (parameters or cls.Parameters()).density_form == "mass"
-        return min(limit, SMEARED) if smeared else limit
+        """Less by masses."""
+        by_mass = (parameters or cls.Parameters()).density_form == "mass"
+        return SMEARED[closed] if by_mass else super().density_ratio_limit(closed)
 
     @classmethod
     def iteration_limit(cls, settings) -> tuple[int, str]:
@@ -237,9 +238,10 @@ class DFSPH(Scheme):
         -------
         iterations, mean and largest relative compression left.
         """
-        # A step much shorter than the motion asks for (before a frame, or for an effect that is stiff) must not shed a
-        # standing error at a high speed: with a tension that asks for tenths of a millisecond liquid at rest would heat.
-        self._start(kappa, dt, min(1.0, 2.0 * dt / self.solver.time_step_of_motion()), divergence)
+        # A step much shorter than the motion asks for (before a frame, or for a stiff effect) must not shed a standing
+        # error at a high speed: with a tension that asks for tenths of a millisecond liquid at rest would heat.
+        share = 1.0 if divergence else min(1.0, 2.0 * dt / self.solver.time_step_of_motion())
+        self._start(kappa, dt, share, divergence)
         iterations, weight = 0, 1.0
         radius = self.parameters.chebyshev_radius
         while iterations < self.parameters.maximum_iterations:

@@ -184,6 +184,9 @@ class PositionBased(Scheme):
             self._arrive()
         self.velocity.from_numpy(velocity)
         self.pressure.fill(0.0)
+        self.search.sort()
+        self.search.build()
+        self.measure()
 
     def step(self, dt: float) -> dict[str, float]:
         solver = self.solver

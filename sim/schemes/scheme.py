@@ -140,7 +140,7 @@ class Scheme(abc.ABC):
         """Compute what depends on positions only, once neighbor rows are known: at least `compression_rate`."""
 
     def set_rest_state(self) -> None:
-        """Take what the start defines, after the first `measure`."""
+        """Take what the start defines, after the first `measure`; who moves particles measures them again."""
 
     def stable_time_step(self) -> float:
         """Largest stable time step beside the limits by speed and acceleration, s."""

@@ -208,13 +208,19 @@ def test_limits_of_a_scheme_are_respected(write, monkeypatch):
 @pytest.mark.parametrize(("form", "density", "limit"), [
     ("volume", "195 kg/m3", None), ("volume", "190 kg/m3", "5"), ("mass", "900 kg/m3", None),
     ("mass", "800 kg/m3", "1.2")])
-def test_dfsph_takes_less_of_a_ratio_in_a_full_cavity_where_it_sums_masses(write, form, density, limit):
-    path = write(f"extends: base\n{FULL}\nliquids: {{aqueous: {{density: {density}}}, silicone_oil_1000: {{}}}}\n"
+@pytest.mark.parametrize("closed", [True, False])
+def test_dfsph_takes_less_of_a_ratio_where_it_sums_masses(write, form, density, limit, closed):
+    if not closed:
+        density, limit = {"195 kg/m3": ("98 kg/m3", None), "190 kg/m3": ("95 kg/m3", "10"),
+                          "900 kg/m3": ("490 kg/m3", None), "800 kg/m3": ("480 kg/m3", "2")}[density]
+    path = write(f"extends: base\n{FULL if closed else ''}\n"
+                 f"liquids: {{aqueous: {{density: {density}}}, silicone_oil_1000: {{}}}}\n"
                  f"numerics: {{scheme: dfsph}}\nschemes: {{dfsph: {{density_form: {form}}}}}\n")
     if limit is None:
         assert load_scene(path, "draft").schemes["dfsph"].density_form == form
     else:
-        assert f"but the scheme dfsph was shown to work up to {limit} in a full cavity" in errors_of(path)[0]
+        where = "in a full cavity" if closed else "under a free surface"
+        assert f"but the scheme dfsph was shown to work up to {limit} {where}" in errors_of(path)[0]
 
 
 def test_injection_beside_a_gas_is_refused(write):
