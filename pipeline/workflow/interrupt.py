@@ -1,11 +1,14 @@
 """Ctrl-C ends Snakemake in a sentence, without an error for every job that it ends."""
 import logging
+import re
 import signal
 import threading
 import time
 from types import FrameType
 
 PATIENCE = 0.5  # s, that an error waits
+PATIENCE_OF_INTERRUPTED = 30.0  # s, that the error of a job waits that the signal itself has ended
+INTERRUPTED = re.compile(r"Signals\.SIGINT|exit status 130\b")
 
 
 class Interrupt:
@@ -25,10 +28,15 @@ class Interrupt:
             logger.addFilter(self._is_wanted)
 
     def _is_wanted(self, record: logging.LogRecord) -> bool:
-        """Whether a record is logged: a job that Ctrl-C has ended may be told of before the signal is."""
+        """Whether a record is logged: a job that Ctrl-C has ended may be told of before the signal is.
+
+        The thread that handles the signal may wait for a slow disk by then; so the job of which the record says that
+        it ended by this very signal is told of only if nothing is heard of the signal for long.
+        """
         if record.levelno < logging.ERROR:
             return True
-        end = time.monotonic() + PATIENCE
+        interrupted = INTERRUPTED.search(record.getMessage())
+        end = time.monotonic() + (PATIENCE_OF_INTERRUPTED if interrupted else PATIENCE)
         while not self.happened and time.monotonic() < end:
             time.sleep(0.02)
         return not self.happened

@@ -1,0 +1,40 @@
+"""Ctrl-C while the thread that hears of it waits: the job that the signal ended is not told of as an error."""
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+# A thread logs the end of its job at once, as Snakemake's do; the signal reaches the main thread a second later.
+LATE = """
+import logging, os, signal, threading, time
+from pipeline.workflow.interrupt import Interrupt
+logger = logging.getLogger("snakemake")
+logger.addHandler(logging.StreamHandler())
+interrupt = Interrupt(logger)
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+job = threading.Thread(target=logger.error, args=["CalledProcessError: '...' {how}"])
+job.start()
+time.sleep(1.0)
+try:
+    if {interrupted}:
+        os.kill(os.getpid(), signal.SIGINT)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        time.sleep(10)
+except KeyboardInterrupt:
+    pass
+job.join()
+print(interrupt.happened)
+"""
+
+
+@pytest.mark.parametrize(("how", "interrupted", "told"), [
+    ("died with <Signals.SIGINT: 2>.", True, False),
+    ("returned non-zero exit status 130.", True, False),
+    ("returned non-zero exit status 1.", False, True),
+])
+def test_error_waits_for_the_signal_that_it_tells_of(how, interrupted, told):
+    run = subprocess.run([sys.executable, "-c", LATE.format(how=how, interrupted=interrupted)], cwd=ROOT,
+                         capture_output=True, text=True, check=True)
+    assert run.stdout.split() == [str(interrupted)]
+    assert (how in run.stderr) == told
