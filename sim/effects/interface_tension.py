@@ -168,8 +168,10 @@ class InterfaceTension(Effect):
         bond = scales.bond_number(scales.gravity, scales.tension)
         rim = scales.length / math.sqrt(bond) if bond else math.inf
         if not is_seen(reach, scales):
-            yield Advice(WARNING, cls.name, "cannot be seen: within the scene it moves the interface by "
-                                            f"{times(reach, scales)}")
+            flat = bond > FLAT_BOND
+            yield Advice(NOTE if flat else WARNING, cls.name,
+                         f"cannot be seen: within the scene it moves the interface by {times(reach, scales)}"
+                         + (", but it lets layers of unequal weight rest" if flat else ""))
         elif bond > FLAT_BOND:
             seen = "can hardly be seen" if is_seen(rim, scales) else "cannot be seen"
             own = next(limit.value for limit in limits if limit.source == f"effects.{cls.name}")
@@ -222,10 +224,12 @@ class InterfaceTension(Effect):
                          f"is missing and would be seen: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
                          f"Bo = {bond:.3g} is below {ROUND_BOND:g} (unless the two liquids have no interface)")
         else:
+            layers = scales.gravity * scales.density_difference > 0.0
             yield Advice(NOTE, cls.name,
                          f"is rightly left out: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
                          f"Bo = {bond:.3g} (it rounds the liquid below {ROUND_BOND:g}), and it moves the interface by "
-                         f"{times(reach, scales)}")
+                         f"{times(reach, scales)}" + ("; where layers of unequal weight have to rest, 1e-6 N/m let them"
+                                                      if layers else ""))
 
     @classmethod
     def speeds(cls, parameters, scales):
