@@ -11,6 +11,7 @@ import pytest
 from pipeline.base.errors import UserError
 from pipeline.result_pages import main
 from pipeline.results.tables import read_layout, read_rows, write_rows
+from pipeline.study_kit import moved_oil_page, shed_droplets_page
 from pipeline.study_kit.model import COLUMNS as STUDY_COLUMNS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,3 +178,24 @@ def test_every_number_says_where_it_comes_from():
             assert row.code, f"{page.name}: {row.case}"
             assert row.command, f"{page.name}: {row.case}"
 
+
+
+def test_numbers_that_pages_of_studies_tell_are_those_of_the_tables():
+    def found(page: str, case: str, quantity: str, column: str = "value") -> list[float]:
+        return [float(getattr(row, column)) for row in rows_of(ROOT, page)
+                if case in row.case and row.quantity.startswith(quantity)]
+
+    def span(numbers: list[float], scale: float = 1.0) -> tuple[float, float]:
+        return round(scale * min(numbers), 1), round(scale * max(numbers), 1)
+
+    page = moved_oil_page
+    sphere = ("validation", "turned_sphere-3")
+    assert span(found(*sphere, "error of the stress"), 100.0) == page.RMS_OF_SPHERE
+    assert span(found(*sphere, "largest stress at the wall", "error")) == page.HIGH_OF_SPHERE
+    assert all(float(row.value) > float(row.expected) for row in rows_of(ROOT, "validation")
+               if sphere[1] in row.case and row.quantity == "largest stress at the wall")
+    assert tuple(found("turning_eye", "saccades", "shear stress on the retina, largest of")) == page.MEAN_OF_SACCADE
+    assert tuple(found("turning_eye", "saccades", "shear stress that 1 %")) == page.HIGH_OF_SACCADE
+    assert round(found("step_size", "the solver's own", "off the last row")[0] / 100.0, 1) == page.STEP_ERROR
+    assert [1e6 * found("mixing", "emulsification_contact_line", "droplets / cavity")[0]] == pytest.approx(
+        [shed_droplets_page.BY_PARTICLES])
