@@ -279,8 +279,8 @@ def _validated(movements: Movements) -> list[str]:
             f"after {min(ends):.0f} to {max(ends):.0f} % of the way there, and creep on into the front edges:",
             link_to("methods/equilibrium.md")))
     items.append(page.joined(
-        f"Speeds after sitting up depend on the support of the kernel, too: with 3 spacings in place of 2.5 oil comes to "
-        f"rest {SUPPORT_FACTOR:g} times as fast in another scene, and ± does not hold that:",
+        "Speeds after sitting up depend on the support of the kernel, too: with 3 spacings in place of 2.5 oil comes "
+        f"to rest {SUPPORT_FACTOR:g} times as fast in another scene, and ± does not hold that:",
         link_to("results/step_size.md")))
     still = movements.found.get((movements.oils[0], SACCADES, STRESS))
     if still:
