@@ -9,6 +9,7 @@ from conftest import ROOT
 LATE = """
 import logging, os, signal, threading, time
 from pipeline.workflow.interrupt import Interrupt
+signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background of a shell it may be ignored
 logger = logging.getLogger("snakemake")
 logger.addHandler(logging.StreamHandler())
 interrupt = Interrupt(logger)
