@@ -12,10 +12,13 @@ put together in order as well. The size of a block follows from the number of pa
     for _ in range(1):
         ... = total_of(self.partial, 0, n)
 
-The loop over blocks has to stand in the kernel itself: Taichi makes only those loops parallel.
+The loop over blocks has to stand in the kernel itself: Taichi makes only those loops parallel. And it gives a thread of
+the CPU `TASK` turns of a loop at a time, whatever it is asked for, so that a few hundred blocks are worked through by
+one thread: what costs time for each entry belongs into a loop over the entries before.
 """
 import taichi as ti
 
+TASK = 512  # turns of a loop that Taichi gives to a thread of the CPU at a time
 SMALLEST_BLOCK = 64  # entries of a block: enough blocks for the threads with a few thousand particles
 MOST_BLOCKS = 4096  # partial results that one thread puts together
 

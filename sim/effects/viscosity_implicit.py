@@ -149,13 +149,15 @@ class ViscosityImplicit(Effect):
     @ti.kernel
     def _set_residual(self, dt: float):
         n = self.count[None]
+        for i in range(n):
+            momentum = self.particles.mass[i] * self.particles.velocity_given[i]
+            self.particles.viscous_residual[i] = momentum - self._applied(self.particles.velocity, i, dt)
+            self.particles.viscous_direction[i] = self.particles.velocity[i] * 0.0
         for block in range(blocks(n)):
             scale = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 momentum = self.particles.mass[i] * self.particles.velocity_given[i]
-                self.particles.viscous_residual[i] = momentum - self._applied(self.particles.velocity, i, dt)
                 scale += ti.cast(momentum.norm_sqr(), ti.f64) / self.particles.mass[i]
-                self.particles.viscous_direction[i] = self.particles.velocity[i] * 0.0
             self.partial[0, block] = scale
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -189,12 +191,12 @@ class ViscosityImplicit(Effect):
     @ti.kernel
     def _advance(self, dt: float):
         n = self.count[None]
+        for i in range(n):
+            self.particles.viscous_image[i] = self._applied(self.particles.viscous_direction, i, dt)
         for block in range(blocks(n)):
             product = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                image = self._applied(self.particles.viscous_direction, i, dt)
-                self.particles.viscous_image[i] = image
-                product += ti.cast(image.dot(self.particles.viscous_direction[i]), ti.f64)
+                product += ti.cast(self.particles.viscous_image[i].dot(self.particles.viscous_direction[i]), ti.f64)
             self.partial[0, block] = product
         ti.loop_config(serialize=True)
         for _ in range(1):

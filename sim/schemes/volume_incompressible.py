@@ -85,13 +85,12 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _measure(self):
         n = self.count[None]
+        for i in range(n):
+            self.compression_rate[i], self.kernel_gradient_sum[i] = self.kernel_sums(i)
         for block in range(blocks(n)):
             mean = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                total, gradient = self.kernel_sums(i)
-                self.compression_rate[i] = total
-                self.kernel_gradient_sum[i] = gradient
-                mean += total
+                mean += self.compression_rate[i]
             self.partial[0, block] = mean
         ti.loop_config(serialize=True)
         for _ in range(1):

@@ -4,11 +4,13 @@ phi > 0 in the other liquids. Particle colors are splatted to nodes, redistanced
 smoothed; behind the wall, ghost nodes carry the slope that the contact angle asks for.
 Equations: docs/methods/interface_tension.md.
 """
+import itertools
+
 import numpy as np
 import taichi as ti
 
 from sim.launching import data_oriented
-from sim.reductions import blocks, first, last, partial_results, running_total, total_of
+from sim.reductions import TASK, blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
 from sim.signed_distance import SignedDistance
 
@@ -20,6 +22,7 @@ WALL_DEPTH = 0.5  # nodes less than this deep in the liquid stand for the wall, 
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
 FAR = 4.0  # |phi| outside the band, in particle spacings
+LEAST_CONTRAST = 0.02  # of colors on both sides of 0.5: less is a mixture without an interface
 
 
 @data_oriented
@@ -65,10 +68,10 @@ class LevelSet:
         self.sides_known = False  # whether phi has the sign of the liquid at every node, near the interface or not
         self.steps = self.grid.strides
         self.last = self.dimension - 1
-        # Layers of search cells along the last axis, as thick as particles on both sides reach, and a cell more each.
+        # Columns of search cells along the first axis, as thick as particles on both sides reach, and a cell more each.
         thick = 2.0 * (SPLAT_RADIUS * self.spacing + self.cell)
-        self.slab = int(np.ceil(thick / solver.search.cell[self.last]))
-        self.slabs = -(-solver.search.shape[self.last] // self.slab)
+        self.column = [int(np.ceil(thick / cell)) for cell in solver.search.cell[1:]]
+        self.columns = [-(-cells // own) for cells, own in zip(solver.search.shape[1:], self.column, strict=True)]
         self.partial = partial_results(3)
         self._find_ghosts()
         self.redistancing_step = 0.5 * self.cell if self.dimension == 2 else 0.33 * self.cell
@@ -139,18 +142,23 @@ class LevelSet:
         self.started[None] = 1
 
     def _sum_at_nodes(self) -> None:
-        """Sums of weights and of weighted colors at the nodes near particles that see another color.
+        """Sums of weights and of weighted colors at the nodes near particles that see the interface.
 
-        Slabs of particles, first every other one and then those between, so that no two threads write to one node, and
-        sums do not depend on the number of threads.
+        Columns of particles, first every other one along each axis and then those between, so that no two threads
+        write to one node, and sums do not depend on the number of threads.
         """
         self._clear()
-        for odd in range(2):
-            self._splat(odd)
+        for odd in itertools.product(range(2), repeat=self.last):
+            self._splat(odd[0], odd[-1])
+
+    @ti.func
+    def _crossed(self, low, high):
+        """Whether colors lie on both sides of the interface."""
+        return low <= 0.5 and high > 0.5 and high - low > LEAST_CONTRAST
 
     @ti.kernel
     def _mark(self, every: int):
-        """Which particles have another color within the support radius, or all; colors of the wall."""
+        """Which particles have the interface within the support radius, or all; colors of the wall."""
         for i in range(self.count[None]):
             low, high = self.color[i], self.color[i]
             for slot in range(self.pairs.count[i]):
@@ -158,7 +166,7 @@ class LevelSet:
                 c = self.color[self.pairs.index[k]]
                 low = ti.min(low, c)
                 high = ti.max(high, c)
-            self.mixed[i] = ti.cast(high - low > 0.02 or every == 1, ti.i32)
+            self.mixed[i] = ti.cast(self._crossed(low, high) or every == 1, ti.i32)
             if ti.static(self.mixes):
                 self.particle_contrast[i] = (high - low) ** 2
         for b in range(self.walls.count):
@@ -169,7 +177,7 @@ class LevelSet:
                 low = ti.min(low, c)
                 high = ti.max(high, c)
             c = -1.0  # takes no part
-            if high - low > 0.02 and self.started[None] == 1:
+            if self._crossed(low, high) and self.started[None] == 1:
                 phi = self.grid.interpolate(self.phi, self.walls.position[b])
                 c = ti.min(ti.max(0.5 + phi / self.spacing, 0.0), 1.0)
             self.wall_color[b] = c
@@ -252,11 +260,6 @@ class LevelSet:
                 for k in range(low, high):
                     self.phi[base + k] = value
 
-    @ti.func
-    def _first_in_layer(self, cell_start: ti.template(), layer):
-        """The first of the sorted particles whose search cell is in this layer across the last axis, or a later one."""
-        return cell_start[layer * self.search.strides[self.last]]
-
     @ti.kernel
     def _clear(self):
         """No sums, and phi far from the interface on the side it was."""
@@ -268,17 +271,29 @@ class LevelSet:
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
 
     @ti.kernel
-    def _splat(self, odd: ti.i32):
-        """Add every other slab; one kernel for both halves, since it is long to compile."""
-        for half in range((self.slabs + 1 - odd) // 2):
-            self._splat_slab(2 * half + odd)
+    def _splat(self, odd: ti.i32, odd_last: ti.i32):
+        """Add every other column along each axis; one kernel for all turns, since it is long to compile."""
+        along = (self.columns[0] + 1 - odd) // 2
+        across = 1
+        if ti.static(self.dimension == 3):
+            across = (self.columns[1] + 1 - odd_last) // 2
+        for turn in range(along * across * TASK):
+            if turn % TASK == 0:
+                half = turn // TASK
+                column = 2 * (half % along) + odd
+                low, high = column * self.column[0], ti.min((column + 1) * self.column[0], self.search.shape[1])
+                if ti.static(self.dimension == 2):
+                    self._splat_cells(low, high, 0)
+                else:
+                    layer = (2 * (half // along) + odd_last) * self.column[1]
+                    for z in range(layer, ti.min(layer + self.column[1], self.search.shape[2])):
+                        self._splat_cells(low, high, z * self.search.strides[2])
 
     @ti.func
-    def _splat_slab(self, slab):
-        """Add the particles of one slab: those of the next but one reach no node in common."""
-        low, high = slab * self.slab, ti.min((slab + 1) * self.slab, self.search.shape[self.last])
-        for i in range(self._first_in_layer(self.search.cell_start, low),
-                       self._first_in_layer(self.search.cell_start, high)):
+    def _splat_cells(self, low, high, layer):
+        """Add the particles of the search cells between two along the second axis, in the layer from that cell on."""
+        begin, end = low * self.search.strides[1] + layer, high * self.search.strides[1] + layer
+        for i in range(self.search.cell_start[begin], self.search.cell_start[end]):
             if self.mixed[i] == 1:
                 contrast = 1.0
                 if ti.static(self.mixes):
@@ -286,8 +301,7 @@ class LevelSet:
                 self._splat_one(self.position[i], self.color[i], contrast)
             else:
                 self._set_far(self.position[i], FAR * self.spacing * ti.select(self.color[i] > 0.5, 1.0, -1.0))
-        for b in range(self._first_in_layer(self.search.wall_cell_start, low),
-                       self._first_in_layer(self.search.wall_cell_start, high)):
+        for b in range(self.search.wall_cell_start[begin], self.search.wall_cell_start[end]):
             if self.wall_color[b] >= 0.0:
                 contrast = 1.0
                 if ti.static(self.mixes):

@@ -91,17 +91,18 @@ class Mixing(Effect):
     @ti.kernel
     def _measure(self):
         n = self.count[None]
+        for i in range(n):
+            total = 0.0
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
+                j = self.pairs.index[k]
+                x_ij = self._separation(i, j)
+                total += self._weight(j, x_ij) * self.pair_rate(i, j, x_ij)
+            self.particles.exchange_rate[i] = total
         for block in range(blocks(n)):
             largest = 0.0
             for i in range(first(block, n), last(block, n)):
-                total = 0.0
-                for slot in range(self.pairs.count[i]):
-                    k = self.pairs.entry(i, slot)
-                    j = self.pairs.index[k]
-                    x_ij = self._separation(i, j)
-                    total += self._weight(j, x_ij) * self.pair_rate(i, j, x_ij)
-                self.particles.exchange_rate[i] = total
-                largest = ti.max(largest, total)
+                largest = ti.max(largest, self.particles.exchange_rate[i])
             self.partial[0, block] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):

@@ -192,6 +192,26 @@ def test_nothing_looks_like_an_interface_far_from_it(circle):
     assert len(point) > 20 and np.abs(point[:, 1] - height).max() < SPACING
 
 
+def test_interface_of_a_mixture_lies_where_its_fractions_are_equal(circle):
+    """And nothing else is an interface: the fractions change over the whole cavity, a tenth every two spacings."""
+    slope = 0.05 / SPACING
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=0.5 * np.pi),
+               cavities.parameters("diffusion", coefficient=1e-12))
+    solver = cavities.build(circle, effects=effects, liquids=LIQUIDS)
+    (position,) = cavities.read(solver, "position")
+    second = np.clip(0.5 + slope * position[:, 1], 0.0, 1.0)
+    solver.particles.from_numpy("volume_fraction", np.stack([1.0 - second, second], axis=1))
+    solver.prepare_output()
+    effect = next(effect for effect in solver.effects if effect.name == "interface_tension")
+    point = effect.point.to_numpy()[: effect.point_count[None]]
+    across = 1.5 * cavities.RADIUS / solver.distance.cell  # crossings of the edges along one axis
+    assert len(point) > across and np.abs(point[:, 1]).max() < 0.5 * SPACING
+    node = np.flatnonzero(effect.level_set.weight.to_numpy())
+    height = solver.distance.origin_numpy[1] + node % solver.distance.shape[1] * solver.distance.cell
+    reach = solver.search.kernel.support_radius + SPLAT_RADIUS * SPACING
+    assert reach < 0.5 * cavities.RADIUS and np.abs(height).max() < reach
+
+
 @pytest.fixture
 def level_set():
     """Return the level set of a sphere that is half full of oil after its first step, and the solver."""
@@ -221,7 +241,7 @@ def test_nodes_behind_the_wall_do_not_depend_on_their_order(level_set):
 
 
 def test_sums_at_the_nodes_are_those_of_all_particles_in_reach(level_set):
-    """Whatever slab of nodes they lie in: the weights of a lattice of nodes against a sum over all particles."""
+    """Whatever column of cells they lie in: the weights of a lattice of nodes against a sum over all particles."""
     level_set, solver = level_set
     level_set._mark(0)
     level_set._sum_at_nodes()
