@@ -8,7 +8,9 @@ import pyvista
 from scipy.spatial import cKDTree
 
 from pipeline.studies import (
+    capillary_wave,
     channel,
+    contact_line,
     coupling,
     creeping_drop,
     dam_break,
@@ -23,6 +25,8 @@ from pipeline.studies import (
     taylor_green,
 )
 from pipeline.study_kit.tank import cavity
+from pipeline.study_kit.young_laplace import oil_at_rest
+from sim.effects.parts.contact_line import fastest_retreat
 
 
 def values(outcome, quantity):
@@ -307,6 +311,53 @@ def test_bubble_rises_as_in_the_benchmark():
             ("height of the center of mass at 3 s", rising_bubble.HEIGHT_AT_END, 0.04),
             ("largest speed", rising_bubble.SPEED, 0.15), ("smallest circularity", rising_bubble.CIRCULARITY, 0.05)):
         assert values(outcome, quantity)[0] == pytest.approx(expected, rel=tolerance)
+
+
+@pytest.mark.parametrize("beta", [0.1, 0.25])
+def test_wave_without_viscosity_swings_for_ever(beta):
+    time = np.linspace(0.0, 10.0, 50)
+    found = capillary_wave.prosperetti(time, 1e-9, 2.0, beta)
+    np.testing.assert_allclose(found, np.cos(2.0 * time), atol=2e-3)
+
+
+def test_wave_in_a_stiff_liquid_creeps():
+    """Tension against viscosity alone: at the rate sigma k/(4 mu) = omega_0^2/(2 nu k^2)."""
+    time = np.linspace(0.0, 400.0, 50)
+    found = capillary_wave.prosperetti(time, 100.0, 1.0, 0.25)
+    np.testing.assert_allclose(found, np.exp(-time / 200.0), rtol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("anew")
+@pytest.mark.parametrize("laplace", [1.0, 3000.0])
+def test_wave_decays_as_it_should(laplace):
+    """Coarser than the study, which asks for 3 % where there are 64 particles along half a wave."""
+    outcome = capillary_wave.run(capillary_wave.Parameters(laplace=laplace, resolutions=(16, 24)))
+    assert not rows_that_fail(outcome, "error of the amplitude (root mean square) / the first")
+    assert values(outcome, "error of the amplitude (root mean square) / the first")[-1] < 0.05
+
+
+def test_contact_line_begins_at_the_speed_of_theory_and_ends_at_rest():
+    """Fastest retreats from two angles differ by the speed between them."""
+    case = contact_line.Parameters(duration=60.0)
+    times, way = contact_line.theory(case)
+    oil, aqueous = contact_line.OIL.dynamic_viscosity, contact_line.AQUEOUS.dynamic_viscosity
+    level, angle = contact_line.level_start(case), np.radians(case.contact_angle)
+    to_zero = [fastest_retreat(one, contact_line.TENSION, aqueous, oil, contact_line.RADIUS) for one in (level, angle)]
+    short = contact_line.theory(contact_line.Parameters(duration=1e-3))[1][-1] / 1e-3
+    assert short == pytest.approx(to_zero[0] - to_zero[1], rel=0.01)
+    weight = (contact_line.AQUEOUS.density - contact_line.OIL.density) * contact_line.GRAVITY / contact_line.TENSION
+    rest = oil_at_rest(case.fill, angle, weight, contact_line.RADIUS, 2).wall_angle
+    assert way[-1] == pytest.approx(contact_line.RADIUS * (rest - level), rel=1e-3)
+    assert np.all(np.diff(way) > -1e-12) and times[-1] == case.duration
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("anew")
+def test_contact_line_of_a_level_interface_is_found_and_climbs():
+    outcome = contact_line.run(contact_line.Parameters(duration=0.2, resolutions=(16,)))
+    (curve,) = (curve for curve in outcome.curves if curve.style == "line")
+    assert abs(curve.y[0]) < 0.7 and 0.2 < curve.y[-1] - curve.y[0] < 2.0
 
 
 def test_damped_cosine_is_found_again():
