@@ -349,7 +349,8 @@ def test_contact_line_begins_at_the_speed_of_theory_and_ends_at_rest():
     weight = (contact_line.AQUEOUS.density - contact_line.OIL.density) * contact_line.GRAVITY / contact_line.TENSION
     rest = oil_at_rest(case.fill, angle, weight, contact_line.RADIUS, 2).wall_angle
     assert way[-1] == pytest.approx(contact_line.RADIUS * (rest - level), rel=1e-3)
-    assert np.all(np.diff(way) > -1e-12) and times[-1] == case.duration
+    assert np.diff(way).min() > -1e-9  # m: at rest the integration wavers by its tolerance
+    assert times[-1] == case.duration
 
 
 @pytest.mark.slow
