@@ -331,10 +331,9 @@ def test_wave_in_a_stiff_liquid_creeps():
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("laplace", [1.0, 3000.0])
 def test_wave_decays_as_it_should(laplace):
-    """Coarser than the study, which asks for 3 % where there are 64 particles along half a wave."""
-    outcome = capillary_wave.run(capillary_wave.Parameters(laplace=laplace, resolutions=(16, 24)))
-    assert not rows_that_fail(outcome, "error of the amplitude (root mean square) / the first")
-    assert values(outcome, "error of the amplitude (root mean square) / the first")[-1] < 0.05
+    """Within the 3 % of the study; on coarser sets the wave is lower than two spacings, and its start decides."""
+    outcome = capillary_wave.run(capillary_wave.Parameters(laplace=laplace, resolutions=(32,)))
+    assert not rows_that_fail(outcome)
 
 
 def test_contact_line_begins_at_the_speed_of_theory_and_ends_at_rest():
