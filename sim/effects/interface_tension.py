@@ -19,6 +19,7 @@ Equations: docs/methods/interface_tension.md.
 """
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 import taichi as ti
@@ -55,6 +56,8 @@ SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point o
 @dataclasses.dataclass(frozen=True)
 class InterfaceTensionParameters:
     """Tension of the interface between the first liquid and every other, from a grid level set."""
+
+    pulls_contact_line: ClassVar[bool] = True
 
     coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0, meaning="interface tension")
     contact_angle: float = parameter(0.5 * math.pi, unit="rad", minimum=0.0, maximum=math.pi,

@@ -4,7 +4,10 @@ A drop moves as the liquid around it allows: its drag lies between 4 and 6 pi mu
 [hadamard1911; rybczynski1911]. In a drop of one or two particles nothing can circulate, and with the harmonic mean of
 two viscosities it would slip through a stiff liquid as if that were thin. So a particle that is alone in a more
 viscous liquid is given the viscosity of what surrounds it. The wall counts as its like: a film on it slides.
-Equations: docs/methods/viscosity.md.
+
+A contact line rolls over the wall in a corner that is not resolved; particles at rest on the wall would hold it twice
+as hard as the corner does [cox1986]. So the wall holds those that see the other liquid less, by a share that gives the
+line its speed (study `validation`, family `contact_line`). Equations: docs/methods/viscosity.md.
 """
 import taichi as ti
 
@@ -13,6 +16,8 @@ from sim.launching import data_oriented
 from sim.runtime import real
 
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
+
+GRIP, AT_LINE = 0.25, 0.1  # share of the wall's friction at a contact line, and of the other liquid from which on it is
 
 EXPLICIT_WALL_FACTOR = 3.0  # largest one that an explicit step takes: more would ask for shorter steps
 
@@ -52,6 +57,8 @@ class LiquidViscosity:
         for k, liquid in enumerate(solver.liquids):
             self.of_liquid[k] = liquid.dynamic_viscosity
         self.differ = len({liquid.dynamic_viscosity for liquid in solver.liquids}) > 1
+        self.has_line = not self.mixes and any(
+            getattr(effect, "pulls_contact_line", False) for effect in solver.settings.effects)
 
     @ti.func
     def viscosity(self, i):
@@ -104,3 +111,16 @@ class LiquidViscosity:
         The velocity is taken to be linear and zero at the wall's surface [morris1997].
         """
         return 1.0 + self.walls.depth[b] / depth  # (V4)
+
+    @ti.func
+    def grip(self, i):
+        """Share of the wall's friction that holds particle i: less next to a contact line that tension pulls."""
+        unlike, total = 0.0, 1e-20
+        if ti.static(self.has_line):
+            neighbors = ti.select(self.wall_pairs.count[i] > 0, self.pairs.count[i], 0)
+            for slot in range(neighbors):
+                k = self.pairs.entry(i, slot)
+                weight = self.pairs.weight[k]
+                total += weight
+                unlike += weight * ((self.phase[i] == 0) != (self.phase[self.pairs.index[k]] == 0))
+        return 1.0 - (1.0 - GRIP) * ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)

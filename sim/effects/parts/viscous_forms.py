@@ -82,13 +82,13 @@ class CentralForm(ViscousForm):
                 trace += s.norm_sqr()
             wall_trace = 0.0
             if ti.static(self.no_slip):
-                depth = self.liquids.depth(i)
+                depth, grip = self.liquids.depth(i), self.liquids.grip(i)
                 for slot in range(self.wall_pairs.count[i]):
                     k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
                     x_ib = self.search.separation(x, self.walls.position[b])
                     r2 = x_ib.norm_sqr()
-                    beta = self.liquids.wall_factor(depth, b)
+                    beta = grip * self.liquids.wall_factor(depth, b)
                     s = ti.sqrt(beta * self.weights.central(self.weights.of_wall(i, b, r2), r2)) * x_ib
                     self.wall_vector[k] = s
                     wall_trace += s.norm_sqr()
@@ -137,11 +137,11 @@ class LaplacianForm(ViscousForm):
                 self.pair_coefficient[k] = c
                 trace += c
             if ti.static(self.no_slip):
-                depth = self.liquids.depth(i)
+                depth, grip = self.liquids.depth(i), self.liquids.grip(i)
                 for slot in range(self.wall_pairs.count[i]):
                     k = self.wall_pairs.entry(i, slot)
                     b = self.wall_pairs.index[k]
-                    beta = self.liquids.wall_factor(depth, b)
+                    beta = grip * self.liquids.wall_factor(depth, b)
                     x_ib = self.search.separation(x, self.walls.position[b])
                     friction += self._pair(beta * mu, volume * self.walls.volume[b], x_ib)
             self.particles.wall_friction[i] = friction
@@ -264,12 +264,12 @@ class StrainForm(ViscousForm):
             friction = 0.0
             wall_arm = x * 0.0
             if ti.static(self.no_slip):
-                depth = self.liquids.depth(i)
+                depth, grip = self.liquids.depth(i), self.liquids.grip(i)
                 for slot in range(self.wall_pairs.count[i]):
                     b = self.wall_pairs.index[self.wall_pairs.entry(i, slot)]
                     x_ib = self.search.separation(x, self.walls.position[b])
                     beta = self.liquids.wall_factor(depth, b)
-                    c = 2.0 * self.weights.of_wall(i, b, x_ib.norm_sqr())
+                    c = 2.0 * grip * self.weights.of_wall(i, b, x_ib.norm_sqr())
                     friction += beta * c
                     wall_arm += c * x_ib
                     inertia += c / beta * self._inertia(x_ib)
