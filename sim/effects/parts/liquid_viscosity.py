@@ -120,7 +120,7 @@ class LiquidViscosity:
             neighbors = ti.select(self.wall_pairs.count[i] > 0, self.pairs.count[i], 0)
             for slot in range(neighbors):
                 k = self.pairs.entry(i, slot)
-                weight = self.pairs.weight[k]
-                total += weight
-                unlike += weight * ((self.phase[i] == 0) != (self.phase[self.pairs.index[k]] == 0))
+                alike = (self.phase[self.pairs.index[k]] == 0) == (self.phase[i] == 0)
+                unlike += ti.select(alike, 0.0, self.pairs.weight[k])
+                total += self.pairs.weight[k]
         return 1.0 - (1.0 - GRIP) * ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)

@@ -2,6 +2,7 @@
 import math
 from pathlib import Path
 
+import cavities
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from pipeline.advice.report import report_of
 from pipeline.scenes.load import load_scene
 from sim.effects.parts.contact_line import fastest_retreat, turning
 
+pytestmark = pytest.mark.usefixtures("taichi")
 CAVITY = 5.06e-6  # m3
 SCENES = Path("config/scenes")
 
@@ -67,3 +69,26 @@ def test_advice_tells_that_aqueous_under_oil_has_not_left_the_wall_when_the_scen
 def test_liquids_without_tension_have_no_contact_line_to_tell_of():
     scene = load_scene(SCENES / "still_eye.yaml", "draft")
     assert not [one for one in report_of(scene, CAVITY).times if one.name.startswith("contact line")]
+
+
+def friction_of_the_wall(form, *more):
+    """Positions, m, of which liquid, and the friction of the wall on every particle, kg/s: level oil in a circle."""
+    viscosity = cavities.parameters("viscosity_implicit", form=form)
+    solver = cavities.build(cavities.cavity("circle", 11.0 * cavities.SPACING), effects=(viscosity, *more))
+    cavities.run_in_steps(solver, 1e-7, 1e-7)
+    return cavities.read(solver, "position", "phase", "wall_friction")
+
+
+@pytest.mark.parametrize("form", ["central", "laplacian"])
+def test_the_wall_holds_liquids_by_a_quarter_where_an_interface_with_tension_meets_it(form):
+    position, phase, in_full = friction_of_the_wall(form)
+    _, _, friction = friction_of_the_wall(form, cavities.parameters("interface_tension", coefficient=0.04))
+    apart = np.array([np.linalg.norm(position[phase != own] - x, axis=1).min()
+                      for x, own in zip(position, phase, strict=True)])
+    at_wall = in_full > 0.0
+    far = at_wall & (apart > 2.5 * cavities.SPACING)
+    near = at_wall & (np.abs(position[:, 1]) < 0.7 * cavities.SPACING)
+    assert far.sum() > 20 and near.sum() > 2
+    np.testing.assert_allclose(friction[far], in_full[far], rtol=1e-9)
+    np.testing.assert_allclose(friction[near], 0.25 * in_full[near], rtol=1e-9)
+    assert np.all(friction[at_wall] > 0.2499 * in_full[at_wall])
