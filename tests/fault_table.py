@@ -114,7 +114,7 @@ FAULTS = (
           "self.cosine[None], self.sine[None] = -float(np.cos(angle)), float(np.sin(angle))",
           "test_liquid_of_sixty_degrees_climbs_the_wall"),
     Fault("line_held_in_full", "the wall holds a contact line as it holds all liquid",
-          "return 1.0 - (1.0 - GRIP) * ti.min(unlike", "return 1.0 - 0.0 * (1.0 - GRIP) * ti.min(unlike",
+          "return 1.0 - (1.0 - self.line_grip) *", "return 1.0 - 0.0 * (1.0 - self.line_grip) *",
           "test_the_wall_holds_liquids_by_a_quarter_where_an_interface_with_tension_meets_it"),
     Fault("tension_wall_extension", "the level set is not extended behind the wall",
           "self.ghost_value[k] = q + (depth + image_depth) * slope",

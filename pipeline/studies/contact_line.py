@@ -9,8 +9,8 @@ that the interface has seen from afar, beyond the corner in which it bends (``si
 with the length r_s = 1 nm on which molecules slip. So slow, the interface has the shape of rest for that angle (Young
 and Laplace), which follows from the place of the line and the volumes: R d(beta)/dt = U(theta(beta)). A slip of 10 nm
 would take the line a tenth further. No spacing resolves that corner: a solver needs a model of it, here the weaker hold
-of the wall next to the line (``sim.effects.parts.liquid_viscosity``), whose one number was chosen in the circle with
-the angle and fill that are the defaults, at 18 degrees and 32 and 64 spacings along the radius.
+of the wall next to the line (``sim.effects.parts.liquid_viscosity``), whose one number was chosen in the circle, at the
+angle and fill that are the defaults, with 32 and 64 spacings along the radius.
 """
 import dataclasses
 import functools

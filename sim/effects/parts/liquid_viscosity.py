@@ -17,7 +17,8 @@ from sim.runtime import real
 
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 
-GRIP, AT_LINE = 0.25, 0.1  # share of the wall's friction at a contact line, and of the other liquid from which on it is
+AT_LINE = 0.1  # share of the other liquid around a particle from which on it is at the contact line
+LEAST_GRIP = 0.1  # share of the wall's friction there, whatever the support
 
 EXPLICIT_WALL_FACTOR = 3.0  # largest one that an explicit step takes: more would ask for shorter steps
 
@@ -35,6 +36,17 @@ def explicit_limit(settings) -> float:
     limits = [0.125 * settings.numerics.particle_spacing**2 * liquid.density / liquid.dynamic_viscosity
               for liquid in settings.liquids if liquid.dynamic_viscosity > 0.0]
     return min(limits, default=float("inf"))
+
+
+def grip_at_line(support_ratio: float) -> float:
+    """Share of the wall's friction at a contact line, for a support over the particle spacing (V12).
+
+    Chosen for 2.5 and 3: the wider the support, the wider is the strip next to the line that is held less.
+
+    >>> [grip_at_line(ratio) for ratio in (2.0, 2.5, 2.75, 3.0, 4.0)]
+    [0.1, 0.25, 0.375, 0.5, 1.0]
+    """
+    return min(max(0.5 * support_ratio - 1.0, LEAST_GRIP), 1.0)
 
 
 @data_oriented
@@ -57,6 +69,7 @@ class LiquidViscosity:
         for k, liquid in enumerate(solver.liquids):
             self.of_liquid[k] = liquid.dynamic_viscosity
         self.differ = len({liquid.dynamic_viscosity for liquid in solver.liquids}) > 1
+        self.line_grip = grip_at_line(solver.settings.numerics.support_ratio)
         self.has_line = not self.mixes and any(
             getattr(effect, "pulls_contact_line", False) for effect in solver.settings.effects)
 
@@ -123,4 +136,4 @@ class LiquidViscosity:
                 alike = (self.phase[self.pairs.index[k]] == 0) == (self.phase[i] == 0)
                 unlike += ti.select(alike, 0.0, self.pairs.weight[k])
                 total += self.pairs.weight[k]
-        return 1.0 - (1.0 - GRIP) * ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)
+        return 1.0 - (1.0 - self.line_grip) * ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)
