@@ -18,7 +18,7 @@ from sim.runtime import real
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 
 AT_LINE = 0.1  # share of the other liquid around a particle from which on it is at the contact line
-LEAST_GRIP = 0.1  # share of the wall's friction there, whatever the support
+LEAST_GRIP = 0.1  # least share of the wall's friction there, for supports below 2.2 spacings
 
 EXPLICIT_WALL_FACTOR = 3.0  # largest one that an explicit step takes: more would ask for shorter steps
 
