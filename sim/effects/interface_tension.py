@@ -57,7 +57,7 @@ SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point o
 class InterfaceTensionParameters:
     """Tension of the interface between the first liquid and every other, from a grid level set."""
 
-    pulls_contact_line: ClassVar[bool] = True  # walls hold liquid less next to it (V12)
+    pulls_contact_line: ClassVar[bool] = True  # walls hold liquid less next to it, as docs/methods/viscosity.md says
 
     coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0, meaning="interface tension")
     contact_angle: float = parameter(0.5 * math.pi, unit="rad", minimum=0.0, maximum=math.pi,
