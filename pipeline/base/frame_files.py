@@ -89,13 +89,17 @@ def find_frames(folder: str | os.PathLike) -> list[Path]:
 
     Raises
     ------
-    UserError : there is no such folder, or it holds no frame.
+    UserError : there is no such folder, or it holds no frame itself.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder of frames; run the simulate stage first")
     paths = sorted(path for path in folder.glob("frame_*") if path.suffix in FRAME_SUFFIXES)
     if not paths:
+        segments = sorted(path.name for path in folder.glob("segment_*"))
+        if segments:
+            raise UserError(
+                f"{folder}: frames are in folders of this folder; give one of them, {segments[0]} to {segments[-1]}")
         raise UserError(f"{folder}: no frames (frame_00000.vtu ...) in this folder; run the simulate stage first")
     return paths
 
