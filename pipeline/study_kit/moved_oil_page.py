@@ -174,8 +174,9 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
          "numbers are in", page.link("movements.csv", "movements.csv"), "and", page.link("courses.csv", "courses.csv")],
         _assumed(movements), _validated(movements),
         "against patients, or against an experiment in an eye. A film of aqueous between oil and retina would lower "
-        "the stress and let the oil slide: it is thinner than a particle and not resolved, so that real oil comes to "
-        "rest sooner, and the times after sitting up are upper limits. Stress below the aqueous itself is too low. "
+        "the stress and let the oil slide sooner: it is thinner than a particle and not resolved. How fast the contact "
+        "line moves follows from a model with one chosen number, within a third of theory. Stress below the aqueous "
+        "itself is too low. "
         "What finer particles change was tried with one oil only, not with the thick ones.",
         words=("stress", "interface", "contact line", "particles", "at rest"),
         more=[page.section("Beside what was published"), page.bullets(anchors(movements))])
@@ -204,8 +205,8 @@ def _of_sitting_up(movements: Movements, stood: Sequence[str]) -> str:
     rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
     said = f"After sitting up {oil_words(thin)} needs {rest[0]:.0f} s for 80 % of its way"
     if thick != thin:
-        said += f", {oil_words(thick)} {rest[1]:.0f} s: in proportion to the viscosity"
-    said += ", and at most, since a film of aqueous would let it slide."
+        said += f", {oil_words(thick)} {rest[1]:.0f} s"
+    said += ", within a third; where a film of aqueous is on the wall it slides sooner."
     late = [oil for oil in movements.light(STANDING_UP, HALF) if oil not in stood]
     if late:
         more = " and thicker ones" if len(late) > 1 else ""
