@@ -131,8 +131,9 @@ def test_the_page_says_what_finer_particles_change_and_what_is_not_known(study, 
     assert "5.0 ± 0.7" in text                          # a spread of 0.2, and 10 % by finer particles
     assert "4 ± 2" in text                              # 10 % by finer particles and two fifths by long steps
     assert "–</td>" in text                             # the thick oil has not made its way
-    assert "oil 1000 needs 7 s for 80 % of its way, and at most" in text
+    assert "oil 1000 needs 7 s for 80 % of its way." in text
     assert "With oil 5000 that takes longer than was simulated." in text
+    assert "a film of aqueous on the wall would let all slide sooner" in text
     assert 'href="../../../../docs/results/turning_eye.md"' in text
     for name in study.pictures():
         assert (tmp_path / f"{name}.png").stat().st_size > 1000
