@@ -58,7 +58,9 @@ class WallStop:
     @ti.func
     def stopped(self, i, x, v):
         """Position and velocity of particle i after the wall."""
-        overlap = self.distance.value(x) + self.clearance
+        overlap = -1.0
+        if self.distance.may_exceed(x, -self.clearance):
+            overlap = self.distance.value(x) + self.clearance
         self.contact[i] = ti.cast(overlap > 0.0, ti.i32)
         if overlap > 0.0:
             normal = self.distance.normal(x)

@@ -19,6 +19,7 @@ from sim.runtime import real, real_numpy
 REACH = (4, 1, 1)  # cells on each side, along each axis, that can hold neighbors: long rows of candidates fill the
 # vector registers, so that 9 of 20 to 35 take half the time of 25 of 5 to 10, though they hold more
 MARKS = 63  # candidates in a row of cells that marks have room for
+LANES = 8  # numbers of a vector register; more or fewer give the same neighbors
 EACH = -1  # instead of marks: look at each candidate
 
 
@@ -93,6 +94,8 @@ class NeighborSearch:
         self.walls = Walls(position[order], volume[order], depth[order])
         self.wall_cell_start = ti.field(ti.i32, shape=self.cells + 1)
         self.wall_cell_start.from_numpy(start)
+        self.sees_wall = ti.field(ti.i32, shape=self.cells)  # 1 for cells around which there is any wall particle
+        self.sees_wall.from_numpy(self._cells_that_see(start, offsets))
 
         self.partial = partial_results(1)
         entries, wall_entries = (int(head_room * n) + 1000 for n in entries_at_rest(
@@ -106,6 +109,12 @@ class NeighborSearch:
         order = np.argsort(cell, kind="stable")
         start = np.searchsorted(cell[order], np.arange(self.cells + 1)).astype(np.int32)
         return order, start
+
+    def _cells_that_see(self, start: np.ndarray, offsets: list[int]) -> np.ndarray:
+        """1 for the cells that have walls within reach, where `start` has the first wall particle of every cell."""
+        cell = np.arange(self.cells)[:, None] + np.array(offsets)
+        last, first = (np.clip(cell + step, 0, self.cells) for step in (REACH[0] + 1, -REACH[0]))
+        return np.any(start[last] > start[first], axis=1).astype(np.int32)
 
     @ti.func
     def _cell_index(self, x):
@@ -205,8 +214,11 @@ class NeighborSearch:
         if end - begin > MARKS:
             n, marks = self._counted(x, position, begin, end), ti.cast(EACH, ti.i64)
         else:
-            for j in range(begin, end):
+            # Whole vectors; candidates after the last get no mark. One by one each takes as long as a vector.
+            stop = ti.min(begin + (end - begin + LANES - 1) // LANES * LANES, position.shape[0])
+            for j in range(begin, stop):
                 marks |= ti.cast((x - position[j]).norm_sqr() < limit, ti.i64) << ti.cast(j - begin, ti.i64)
+            marks &= (ti.cast(1, ti.i64) << ti.cast(end - begin, ti.i64)) - 1
             n = ti.cast(ti.math.popcnt(marks), ti.i32)
         return n, marks
 
@@ -224,6 +236,7 @@ class NeighborSearch:
                         found, marks = self._marked(x, self.position, begin, end)
                         n += found
                         self.marks[i, s * self.row_count + k] = marks
+                    for k in range(ti.select(self.sees_wall[c] == 1, self.row_count, 0)):
                         begin, end = self._row(c, k, self.wall_cell_start)
                         m += self._counted(x, self.walls.position, begin, end)
             self.pairs.count[i] = ti.max(n, 0)  # -1 where the position is no number
@@ -297,7 +310,7 @@ class NeighborSearch:
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
             n = 0
-            for s in range(self.image_count):
+            for s in range(ti.select(self.wall_rows.count[b] > 0, self.image_count, 0)):
                 x = self.walls.position[b] + self.image[s]
                 if self._near(x):
                     c = self._cell_index(x)

@@ -108,7 +108,9 @@ class Viscosity(Effect):
 
     @ti.func
     def pair_acceleration(self, i, j, x_ij, gradient, weight):
-        mean = harmonic_mean(self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j])
+        mean = self.particles.dynamic_viscosity[i]
+        if ti.static(self.liquids.differ or self.liquids.mixes):
+            mean = harmonic_mean(mean, self.particles.dynamic_viscosity[j])
         return self._acceleration(i, mean, self.particles.velocity[i] - self.particles.velocity[j], x_ij, gradient)
 
     @ti.func

@@ -74,6 +74,7 @@ class DFSPH(Scheme):
         Field("density_gradient_sum", "vector", "kg/m4", "gradient of the density by the particle's own place"),
         Field("density_weight", "scalar", "kg/m3", "rest density over the lattice sum"),
         Field("diagonal", "scalar", "kg2/m8", "diagonal of the pressure matrix"),
+        Field("diagonal_weight", "scalar", "kg/m6", "what a neighbor adds to it, over its gradient squared"),
         Field("density_kappa", "scalar", "m5/(kg s2)", "p/rho^2 of the density solve", carried=True),
         Field("divergence_kappa", "scalar", "m5/(kg s2)", "p/rho^2 of the divergence solve", carried=True),
         Field("kappa_before", "scalar", "m5/(kg s2)", "iterate before the last one"),
@@ -125,7 +126,9 @@ class DFSPH(Scheme):
     @ti.kernel
     def _measure(self):
         for i in range(self.count[None]):
-            self.density_weight[i] = self._counted_mass(i) / (self.volume[i] * self.compression_at_rest)
+            weight = self._counted_mass(i) / (self.volume[i] * self.compression_at_rest)
+            self.density_weight[i] = weight
+            self.diagonal_weight[i] = self._share(i) * weight / self.volume[i]
         for i in range(self.count[None]):
             own = self.density_weight[i]
             compression = self.volume[i] * self.search.kernel.at_zero
@@ -139,7 +142,7 @@ class DFSPH(Scheme):
                 compression += self.pairs.weight[k]
                 density += other * self.pairs.weight[k]
                 gradient += other * self.pairs.gradient[k]
-                spread += self._share(j) * other / self.volume[j] * self.pairs.gradient[k].norm_sqr()
+                spread += self.diagonal_weight[j] * self.pairs.gradient[k].norm_sqr()
             wall = 0.0
             wall_gradient = self.velocity[i] * 0.0
             for slot in range(self.wall_pairs.count[i]):
