@@ -257,12 +257,24 @@ class NeighborSearch:
         d = x - x_j
         r2 = d.norm_sqr()
         if r2 < self.kernel.support_radius**2:
-            r = ti.sqrt(r2)
             k = rows.entry(row, slot)
             rows.index[k] = j
+            rows.gradient[k] = d
+            rows.weight[k] = volume_j
+            slot += 1
+
+    @ti.func
+    def _weigh(self, rows: ti.template(), row, number):
+        """Make gradients of the distances and weights of the volumes that `_write` has left in a row.
+
+        In a loop of its own, whose reads and writes follow one another in memory, it is done in vectors.
+        """
+        begin = rows.entry(row, 0)
+        for k in range(begin, begin + number):
+            d, volume_j = rows.gradient[k], rows.weight[k]
+            r = d.norm()
             rows.gradient[k] = (volume_j * self.kernel.gradient_factor(r)) * d
             rows.weight[k] = volume_j * self.kernel.value(r)
-            slot += 1
 
     @ti.func
     def _write_marked(self, x, marks, begin, end, rows: ti.template(), row, own, position: ti.template(),
@@ -306,6 +318,8 @@ class NeighborSearch:
                             begin, end = self._row(c, k, self.wall_cell_start)
                             self._write_row(x, begin, end, self.wall_pairs, i, self.walls.position, self.walls.volume,
                                             m)
+            self._weigh(self.pairs, i, n)
+            self._weigh(self.wall_pairs, i, m)
             self.pairs.count[i] = n
             self.wall_pairs.count[i] = m
         for b in range(self.walls.count):
@@ -317,6 +331,7 @@ class NeighborSearch:
                     for k in range(self.row_count):
                         begin, end = self._row(c, k, self.cell_start)
                         self._write_row(x, begin, end, self.wall_rows, b, self.position, self.volume, n)
+            self._weigh(self.wall_rows, b, n)
             self.wall_rows.count[b] = n
 
     @ti.kernel

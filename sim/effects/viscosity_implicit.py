@@ -126,7 +126,7 @@ class ViscosityImplicit(Effect):
 
     @classmethod
     def reals_per_pair(cls, dimension: int) -> int:
-        return dimension  # the matrix
+        return dimension + 1  # the matrix, and what it is made of
 
     @ti.kernel
     def _guess(self, dt: float):

@@ -61,6 +61,7 @@ class CentralForm(ViscousForm):
         super().__init__(solver, particles, liquids, no_slip)
         self.weights = ViscousWeights(solver, particles)
         self.pair_vector = self.pairs.per_entry(self.dimension)  # s_ij: the pair force is -s (s.v_ij), sqrt(kg/s)
+        self.pair_scale = self.pairs.per_entry()  # c_ij/w_ij, kg/s
         self.wall_vector = self.wall_pairs.per_entry(self.dimension)
 
     def assemble(self, dt: float) -> None:
@@ -70,14 +71,18 @@ class CentralForm(ViscousForm):
     @ti.kernel
     def _join(self, dt: float):
         for i in range(self.count[None]):
-            x = self.particles.position[i]
+            x, mu = self.particles.position[i], self.particles.dynamic_viscosity[i]
+            scaled_volume = self.weights.scaled_volume[i]
             trace = 0.0
-            for slot in range(self.pairs.count[i]):
-                k = self.pairs.entry(i, slot)
+            begin, end = self.pairs.entry(i, 0), self.pairs.entry(i, self.pairs.count[i])
+            for k in range(begin, end):
                 j = self.pairs.index[k]
-                x_ij = self.search.separation(x, self.particles.position[j])
+                self.pair_vector[k] = self.search.separation(x, self.particles.position[j])
+                self.pair_scale[k] = self.weights.scale(mu, scaled_volume, j)
+            for k in range(begin, end):  # done in vectors: all that it reads and writes lies one behind the other
+                x_ij = self.pair_vector[k]
                 r2 = x_ij.norm_sqr()
-                s = ti.sqrt(self.weights.central(self.weights.of_pair(i, j, r2), r2)) * x_ij
+                s = ti.sqrt(self.weights.central(self.pair_scale[k] * self.weights.weight(r2), r2)) * x_ij
                 self.pair_vector[k] = s
                 trace += s.norm_sqr()
             wall_trace = 0.0

@@ -36,7 +36,8 @@ class ViscousWeights:
         self.least_moment = LEAST_MOMENT * EVEN[self.dimension] * self.reach ** (self.dimension + 2)
 
     @ti.func
-    def _weight(self, r2):
+    def weight(self, r2):
+        """w at the distance r."""
         rest = ti.max(1.0 - r2 / self.reach**2, 0.0)
         return rest * ti.sqrt(rest)
 
@@ -49,25 +50,29 @@ class ViscousWeights:
             for slot in range(self.pairs.count[i]):
                 j = self.pairs.index[self.pairs.entry(i, slot)]
                 r2 = self.search.separation(x, self.position[j]).norm_sqr()
-                moment += self.particles.volume[j] * self._weight(r2) * r2
+                moment += self.particles.volume[j] * self.weight(r2) * r2
             for slot in range(self.wall_pairs.count[i]):
                 b = self.wall_pairs.index[self.wall_pairs.entry(i, slot)]
                 r2 = self.search.separation(x, self.walls.position[b]).norm_sqr()
-                moment += self.walls.volume[b] * self._weight(r2) * r2
+                moment += self.walls.volume[b] * self.weight(r2) * r2
             moment = ti.max(moment / self.dimension, self.least_moment)
             self.scaled_volume[i] = self.particles.volume[i] / ti.sqrt(moment)
 
     @ti.func
+    def scale(self, mu, scaled_volume, j):
+        """c_ij/w_ij of a particle i with such a viscosity and scaled volume, kg/s."""
+        return 2.0 * harmonic_mean(mu, self.particles.dynamic_viscosity[j]) * scaled_volume * self.scaled_volume[j]
+
+    @ti.func
     def of_pair(self, i, j, r2):
         """c_ij, kg/s."""
-        mean = harmonic_mean(self.particles.dynamic_viscosity[i], self.particles.dynamic_viscosity[j])
-        return 2.0 * mean * self.scaled_volume[i] * self.scaled_volume[j] * self._weight(r2)  # (V6)
+        return self.scale(self.particles.dynamic_viscosity[i], self.scaled_volume[i], j) * self.weight(r2)  # (V6)
 
     @ti.func
     def of_wall(self, i, b, r2):
         """That of a wall particle with the viscosity and the moment of particle i, kg/s."""
         ratio = self.scaled_volume[i] ** 2 / self.particles.volume[i]
-        return 2.0 * self.particles.dynamic_viscosity[i] * ratio * self.walls.volume[b] * self._weight(r2)
+        return 2.0 * self.particles.dynamic_viscosity[i] * ratio * self.walls.volume[b] * self.weight(r2)
 
     @ti.func
     def central(self, c, r2):
