@@ -199,6 +199,6 @@ def test_numbers_that_pages_of_studies_tell_are_those_of_the_tables():
     assert round(found("step_size", "the solver's own", "off the smallest steps")[0] / 100.0, 1) == page.STEP_ERROR
     steps = "the capillary limit"
     narrow, wide = found("step_size", steps, "rise of the aqueous")
-    assert round(wide / narrow, 1) == page.SUPPORT_FACTOR
+    assert round(wide / narrow, 1) == 1.0  # the page says: as fast
     assert [1e6 * found("mixing", "emulsification_contact_line", "droplets / cavity")[0]] == pytest.approx(
         [shed_droplets_page.BY_PARTICLES])
