@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-from taichi.lang.impl import current_cfg
+from taichi.lang.impl import current_cfg, default_cfg
 
 from sim import host_memory
 from sim.cores import available_cores, keep_to_one_core, useful_threads
@@ -75,15 +75,14 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
         return
     if keep_to_core and wanted["threads"] == 1 and wanted["device"] == "cpu":
         keep_to_one_core()
-    if wanted["device"] == "cpu":
-        leave_loops_rolled()
+    options = leave_loops_rolled() if wanted["device"] == "cpu" else ""
     # Taichi would send its version, the system and a number of this user to its makers.
     os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
     before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(
             arch=arch, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
-            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR,
+            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR, **_compiled_kernels(options),
         )
     if current_cfg().arch != arch:
         ti.reset()
@@ -93,6 +92,13 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
     _started.update(wanted)
     if wanted["device"] == "cpu":
         _bind(sorted(_own_threads() - before)[-wanted["threads"]:])
+
+
+def _compiled_kernels(options: str) -> dict[str, str]:
+    """Argument of Taichi that keeps kernels compiled with options of LLVM apart, unless the user has named a folder."""
+    if not options or "TI_OFFLINE_CACHE_FILE_PATH" in os.environ:
+        return {}
+    return {"offline_cache_file_path": f"{default_cfg().offline_cache_file_path}-{options}"}
 
 
 def _field_apart(dtype, shape: int | tuple[int, ...] = (), **more):

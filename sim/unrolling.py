@@ -18,6 +18,7 @@ import ctypes
 import functools
 import mmap
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -51,19 +52,21 @@ def addresses(path: Path, *names: bytes) -> list[int] | None:
 
 
 @functools.cache
-def leave_loops_rolled() -> bool:
-    """Set the options for all that this process compiles from now on; return whether they could be set.
+def leave_loops_rolled() -> str:
+    """Set the options for all that this process compiles from now on; return a word for them, empty if it cannot.
 
     Where it cannot, as on systems other than Linux, kernels take longer to compile and give the same but for rounding.
+    The word is for the name of the folder of compiled kernels: Taichi does not know of the options, and would take up
+    kernels that were compiled with others.
     """
     from taichi._lib.core import taichi_python  # imported by Taichi already
 
     path = Path(taichi_python.__file__)
     if not (found := addresses(path, SETTER, EXPORTED.encode())):
-        return False
+        return ""
     setter, exported = found
     here = ctypes.cast(getattr(ctypes.PyDLL(str(path)), EXPORTED), ctypes.c_void_p).value or 0
     words = (ctypes.c_char_p * (1 + len(OPTIONS)))(b"taichi", *OPTIONS)
     ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_char_p), ctypes.c_char_p)(here - exported + setter)(
         len(words), words, None)
-    return True
+    return f"{zlib.crc32(b' '.join(OPTIONS)):08x}"

@@ -2,10 +2,11 @@
 
     python benchmarks/dam_break/sizes.py                    all sizes, three turns
     python benchmarks/dam_break/sizes.py --sizes 17 31 --turns 1    a short trial
+    python benchmarks/dam_break/sizes.py --device cuda --sizes 17 45 67 100 171    on an NVIDIA GPU, to 5 million
 
 Steps shrink with the spacing, as they do in a scene, so that every size computes the same number of spacings of fall.
-Writes `sizes.csv`, `sizes.png` and `machine.txt`; `benchmarks/page.py` makes a page of them. It counts only on an
-otherwise idle machine.
+Writes `sizes.csv`, `sizes.png` and `machine.txt`; `benchmarks/page.py` makes a page of them. Of a GPU it writes
+`sizes_<device>.csv` and no more. It counts only on an otherwise idle machine.
 """
 import argparse
 import csv
@@ -29,19 +30,21 @@ COLUMNS = ("scheme", "n", "particles", "wall_particles", "turns", "wall_s_per_st
            "peak_bytes")
 
 
-def measure(scheme: str, n: int, threads: int) -> dict[str, float]:
+def measure(scheme: str, n: int, threads: int, device: str) -> dict[str, float]:
     """Run the dam with n^3 particles in this process and return what it took."""
     from ours import build
+    from taichi import sync
 
     from sim.profiling import allocated
     from sim.runtime import initialize
 
-    initialize("f32", threads)
+    initialize("f32", threads, device)
     solver = build(scheme, n, COURANT_STEP / n)
     wall, cpu, iterations = [], [], []
     for _ in range(WARM_UP + STEPS):
         begin, cpu_begin = time.perf_counter(), time.process_time()
         solver.step(COURANT_STEP / n)
+        sync()  # a GPU goes on after the step has returned
         wall.append(time.perf_counter() - begin)
         cpu.append(time.process_time() - cpu_begin)
         iterations.append(solver.statistics["pressure_iterations"])
@@ -53,9 +56,9 @@ def measure(scheme: str, n: int, threads: int) -> dict[str, float]:
             "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}
 
 
-def run(scheme: str, n: int, threads: int) -> dict[str, float]:
+def run(scheme: str, n: int, threads: int, device: str) -> dict[str, float]:
     """Measure in a process of its own."""
-    command = [sys.executable, __file__, "--measure", scheme, str(n), "--threads", str(threads)]
+    command = [sys.executable, __file__, "--measure", scheme, str(n), "--threads", str(threads), "--device", device]
     done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
     if done.returncode:
         sys.exit(f"error: {scheme} with n = {n} ended with code {done.returncode}")
@@ -71,18 +74,20 @@ def together(scheme: str, n: int, turns: list[dict[str, float]]) -> dict:
                   "cpu_us_per_particle_step": 1e6 * row["cpu_s_per_step"] / row["particles"]}
 
 
-def write(rows: list[dict], threads: int) -> None:
-    """Write table and figure."""
+def write(rows: list[dict], threads: int, device: str) -> None:
+    """Write the table and, of the CPU, figure and machine."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    with (FOLDER / "sizes.csv").open("w", newline="") as file:
+    with (FOLDER / ("sizes.csv" if device == "cpu" else f"sizes_{device}.csv")).open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         writer.writerows({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()}
                          for row in rows)
+    if device != "cpu":
+        return
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     for scheme in dict.fromkeys(row["scheme"] for row in rows):
         own = [row for row in rows if row["scheme"] == scheme]
@@ -106,30 +111,36 @@ def machine() -> str:
 
 def main() -> None:
     """Command line."""
+    from sim.devices import DEVICES, lack
+
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--sizes", type=int, nargs="+", default=SIZES, metavar="N",
                    help="particles along the side of the cube (default %(default)s)")
     p.add_argument("--schemes", nargs="+", default=SCHEMES, help="schemes to time (default %(default)s)")
     p.add_argument("--turns", type=int, default=3, help="runs of every size, in turns (default 3)")
     p.add_argument("--threads", type=int, default=os.cpu_count(), help="threads (default all)")
+    p.add_argument("--device", choices=DEVICES, default="cpu", help="device of the solver (default cpu)")
     p.add_argument("--measure", nargs=2, metavar=("SCHEME", "N"), help="one run in this process, printed")
     arguments = p.parse_args()
     if arguments.measure:
-        for name, value in measure(arguments.measure[0], int(arguments.measure[1]), arguments.threads).items():
+        for name, value in measure(arguments.measure[0], int(arguments.measure[1]), arguments.threads,
+                                   arguments.device).items():
             print(name, value)
         return
     if arguments.turns < 1 or min(arguments.sizes) < 4:
         p.error("turns must be at least 1, sizes at least 4")
+    if reason := lack(arguments.device):
+        p.error(f"--device is {arguments.device}, but {reason}")
     pairs = [(scheme, n) for scheme in arguments.schemes for n in arguments.sizes]
     results: dict[tuple[str, int], list[dict]] = {pair: [] for pair in pairs}
     for turn in range(arguments.turns):
         for scheme, n in pairs:
-            last = run(scheme, n, arguments.threads)
+            last = run(scheme, n, arguments.threads, arguments.device)
             results[scheme, n].append(last)
             print(f"turn {turn + 1}, {scheme}, {last['particles']:.0f} particles: {last['wall_s_per_step']:.4f} s wall "
                   f"per step, {1e6 * last['wall_s_per_step'] / last['particles']:.3f} us per particle, "
                   f"{last['pressure_iterations']:.1f} iterations, {last['peak_bytes'] / 2**30:.2f} GiB", flush=True)
-    write([together(*pair, turns) for pair, turns in results.items()], arguments.threads)
+    write([together(*pair, turns) for pair, turns in results.items()], arguments.threads, arguments.device)
 
 
 if __name__ == "__main__":

@@ -55,6 +55,26 @@ def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_p
     assert small < 0.6 * large  # 0.4 was measured
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
+def test_kernels_of_other_options_are_compiled_anew(tmp_path):
+    """Else who takes a new version runs on with the kernels of the old one, to the last digit."""
+    program = ("import sys\nfrom sim import runtime, unrolling\n"
+               "unrolling.OPTIONS = unrolling.OPTIONS[:int(sys.argv[1])]\n"
+               "from taichi.lang.impl import current_cfg\n"
+               "runtime.initialize('f32', 1)\nprint(current_cfg().offline_cache_file_path)\n"
+               "runtime.restart()\nprint(current_cfg().offline_cache_file_path)")
+    kept = {name: value for name, value in os.environ.items() if name != "TI_OFFLINE_CACHE_FILE_PATH"}
+
+    def folders(options: int, **more: str) -> list[str]:
+        return subprocess.run([sys.executable, "-c", program, str(options)], cwd=ROOT, check=True, capture_output=True,
+                              text=True, env=kept | {"XDG_CACHE_HOME": str(tmp_path)} | more).stdout.split()[-2:]
+
+    fewer, all_of_them = folders(1), folders(3)
+    assert fewer[0] != all_of_them[0] and all(Path(one).is_relative_to(tmp_path) for one in fewer + all_of_them)
+    assert (fewer[1], all_of_them[1]) == (fewer[0], all_of_them[0])
+    assert folders(3, TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "mine")) == [str(tmp_path / "mine")] * 2
+
+
 @pytest.mark.parametrize("content", [b"MZ no library of Linux", b"\x7fELF\x02\x01" + bytes(100)])
 def test_a_library_that_does_not_tell_its_functions_is_left_alone(tmp_path, content):
     library = tmp_path / "library.so"
