@@ -98,8 +98,8 @@ def find_frames(folder: str | os.PathLike) -> list[Path]:
     if not paths:
         segments = sorted(path.name for path in folder.glob("segment_*"))
         if segments:
-            raise UserError(
-                f"{folder}: frames are in folders of this folder; give one of them, {segments[0]} to {segments[-1]}")
+            allowed = " to ".join(dict.fromkeys((segments[0], segments[-1])))
+            raise UserError(f"{folder}: frames are in folders of this folder; give one of them, {allowed}")
         raise UserError(f"{folder}: no frames (frame_00000.vtu ...) in this folder; run the simulate stage first")
     return paths
 
