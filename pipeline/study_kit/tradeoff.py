@@ -269,7 +269,8 @@ def _last_order(base: Sequence[Point]) -> float:
 
 def in_short(name: str, family, points: Sequence[Point]) -> Outcome:
     """What the levels give, and what every change gains or loses at the same resolution, as rows and as sentences: its
-    error over that of the base from the same start, its time over the mean of all starts.
+    error over that of the base from the same start, its time over the mean of all starts. Of a family without a
+    reference also how far each size is from the finest.
     """
     order = order_of(points)
     outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
@@ -281,6 +282,11 @@ def in_short(name: str, family, points: Sequence[Point]) -> Outcome:
                          for which, error in zip(("mean", "least", "largest"), errors, strict=True)]
         outcome.remarks.append(f"{name}: {family.HEADLINE}, error to expect: "
                                + "; ".join(words for *_, words in bought) + ".")
+    for point in base.values() if getattr(family, "SELF_CONVERGENCE", False) else ():
+        at = f"n={point.resolution}"
+        outcome.rows += [Row("particles", point.particles, at=at), Row(COMPUTING_TIME, point.cpu, "s", at=at)]
+        if math.isfinite(point.error):
+            outcome.rows.append(Row(family.HEADLINE, point.error, at=at))
     for point in points:
         beside = base.get(point.resolution)
         if point.change == SPACING or beside is None or beside.first == 0.0:

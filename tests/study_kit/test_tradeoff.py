@@ -129,6 +129,8 @@ def test_differences_from_the_finest_run_are_no_errors_without_a_law(study):
         outcome.curves, (1.5, 1.1, 1.3, 1.2, 1.0), strict=True)]
     points = points_of([base], [outcome])
     assert len(base_points(points)) == 4 and orders_of("eye_rest", base.family, points) == []
+    told = [row.value for row in in_short("eye_rest", base.family, points).rows if row.quantity == base.family.HEADLINE]
+    assert told == pytest.approx([0.5, 0.1, 0.3, 0.2])  # of 14 to 30 spacings from the run with 40
 
 
 def test_runs_that_do_not_converge_yet_have_no_order():
