@@ -6,6 +6,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from sim.effects import REGISTRY
 from sim.effects.cohesion import Cohesion, CohesionParameters
+from sim.effects.eye_rotation import Oscillation
 from sim.effects.viscoelastic import ElasticLiquid
 from sim.schemes.position_based import PositionBased, PositionBasedParameters
 from sim.settings import Liquid
@@ -269,6 +270,7 @@ EFFECTS = {
     "interface_tension": {"coefficient": 0.04, "contact_angle": np.radians(60.0)},
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 500.0, 0.1),)},
     "diffusion": {"coefficient": 1e-5},
+    "eye_rotation": {"oscillation": Oscillation(np.radians(20.0), 10.0, (0.0, 0.0, 1.0))},
     "contact_line_emulsification": {"oil": "oil", "aqueous": "aqueous", "droplets": "droplets", "efficiency": 1e6,
                                     "time_lapse": 1e6},
 }
