@@ -217,12 +217,12 @@ def test_two_equal_liquids_flow_as_one():
 
 
 @pytest.mark.usefixtures("anew")
-@pytest.mark.parametrize(("form", "largest"), [
-    ("central", 0.04), pytest.param("laplacian", 0.03, marks=pytest.mark.slow),
-    pytest.param("strain", 0.05, marks=pytest.mark.slow)])
-def test_two_layers_flow_along_a_channel(form, largest):
-    """At 1:1400 and 10 spacings; the study asks for 3 % at 40."""
-    outcome = channel.run(channel.Parameters(ratio=1400.0, form=form, resolutions=(10,), times=2.0, steps=20))
+@pytest.mark.parametrize(("form", "spacings", "largest"), [
+    ("central", 10, 0.04), pytest.param("laplacian", 20, 0.03, marks=pytest.mark.slow),
+    pytest.param("strain", 20, 0.03, marks=pytest.mark.slow)])
+def test_two_layers_flow_along_a_channel(form, spacings, largest):
+    """At 1:1400; the study asks for 3 % at 40 spacings. With 10 laplacian and strain are 4 and 5 % off."""
+    outcome = channel.run(channel.Parameters(ratio=1400.0, form=form, resolutions=(spacings,), times=2.0, steps=20))
     assert values(outcome, "L2 error of the velocity, both layers")[0] < largest
     assert values(outcome, "L2 error of the velocity, viscous layer")[0] < largest
     assert not rows_that_fail(outcome, "L2 error of the velocity, both layers")
