@@ -1,7 +1,11 @@
 """A liquid as the solver knows it."""
 import dataclasses
+from collections.abc import Iterable
 
 from sim.parameters import parameter
+
+UNLIKE = 2.0  # ratio of densities from which pressures count by density and gravity pulls at the heavier alone
+GAS_DENSITY = 20.0  # kg/m^3: no gas in an eye is as heavy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -11,3 +15,9 @@ class Liquid:
     name: str = parameter(meaning="name of the liquid")
     density: float = parameter(unit="kg/m**3", exclusive_minimum=0.0, maximum=20000.0, meaning="rest density")
     dynamic_viscosity: float = parameter(unit="Pa*s", minimum=0.0, maximum=100.0, meaning="dynamic viscosity")
+
+
+def are_unlike(densities: Iterable[float]) -> bool:
+    """Whether the lightest of these liquids weighs less than half as much as the heaviest."""
+    known = list(densities)
+    return max(known) > UNLIKE * min(known)

@@ -26,10 +26,14 @@ class PressureOperators:
     resisting : effects with a `friction` k of the wall, implicit in the velocity that the pressure changes: it resists
         what the pressure does, and the mobility is V/(m + dt k) instead of V/m. Without it a wall holds viscous liquid
         in the one solve and lets it slip in the other, and oil moves along the wall too fast.
+    shared_by_density : pressures that change velocities count in a pair by the density of the other particle, and in
+        means by the inverse of their own, so that gas beside water feels the pressure of gas (P13). As a plain mean it
+        would feel that of the water, 1000 times as strong as its mass bears.
     """
 
-    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum):
+    def __init__(self, particles: ParticleStore, search: NeighborSearch, gradient_sum, shared_by_density: bool):
         self.resisting: list = []
+        self.shared_by_density = shared_by_density
         self.particles = particles
         self.count = particles.count
         self.volume = particles.arrays["volume"]
@@ -42,9 +46,18 @@ class PressureOperators:
         self.diagonal = tuple(ti.field(real(), shape=n) for _ in range(2))  # without and with weight
         self.force = ti.Vector.field(dimension, real(), shape=n, layout=ti.Layout.SOA)  # per volume or per mass
         self.wall_weight, self.wall_value = (ti.field(real(), shape=walls) for _ in range(2))
+        if shared_by_density:
+            self.shared_gradient_sum = ti.Vector.field(dimension, real(), shape=n, layout=ti.Layout.SOA)
+            self.shared_wall_weight = ti.field(real(), shape=walls)
+
+    def update(self) -> None:
+        """Compute what depends on positions only; `gradient_sum` must be that of the present rows."""
+        self._update_wall_weights()
+        if self.shared_by_density:
+            self._share_by_density()
 
     @ti.kernel
-    def update_wall_weights(self):
+    def _update_wall_weights(self):
         """sum_f V_f W_bf of every wall particle; 0 where no liquid is near."""
         for b in range(self.walls.count):
             total = 0.0
@@ -53,26 +66,76 @@ class PressureOperators:
                 total += self.wall_rows.weight[k]
             self.wall_weight[b] = total
 
-    @ti.func
-    def over_wall_weight(self, b, value):
-        return ti.select(self.wall_weight[b] > 0.0, value / ti.max(self.wall_weight[b], 1e-20), 0.0)
+    @ti.kernel
+    def _share_by_density(self):
+        """The same weights, and the gradient sums, of pressures that are shared by density."""
+        for b in range(self.walls.count):
+            total = 0.0
+            for slot in range(self.wall_rows.count[b]):
+                k = self.wall_rows.entry(b, slot)
+                total += self.wall_rows.weight[k] * self.lightness(self.wall_rows.index[k], True)
+            self.shared_wall_weight[b] = total
+        for i in range(self.count[None]):
+            total = self.gradient_sum[i]
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
+                total += (self._share(i, self.pairs.index[k], True) - 1.0) * self.pairs.gradient[k]
+            self.shared_gradient_sum[i] = total
 
     @ti.func
-    def extrapolated(self, p: ti.template(), b):
+    def lightness(self, i, weighted: ti.template()):
+        """1/rho of particle i, its weight in means of pressures that are shared by density; else 1 (P13)."""
+        value = 1.0
+        if ti.static(weighted and self.shared_by_density):
+            value = self.volume[i] / self.mass[i]
+        return value
+
+    @ti.func
+    def _share(self, i, j, weighted: ti.template()):
+        """Share of the pressure of particle i in its pair with j; those of both add up to 2 (P13)."""
+        share = 1.0
+        if ti.static(weighted and self.shared_by_density):
+            own, other = self.mass[i] * self.volume[j], self.mass[j] * self.volume[i]
+            share = 2.0 * other / (own + other)
+        return share
+
+    @ti.func
+    def likeness(self, i, j):
+        """1 for two particles of one density, 4 rho_i rho_j / (rho_i + rho_j)^2 for others (P13)."""
+        return self._share(i, j, True) * self._share(j, i, True)
+
+    @ti.func
+    def _gradient_sum(self, i, weighted: ti.template()):
+        total = self.gradient_sum[i]
+        if ti.static(weighted and self.shared_by_density):
+            total = self.shared_gradient_sum[i]
+        return total
+
+    @ti.func
+    def over_wall_weight(self, b, value, weighted: ti.template()):
+        weight = self.wall_weight[b]
+        if ti.static(weighted and self.shared_by_density):
+            weight = self.shared_wall_weight[b]
+        return ti.select(weight > 0.0, value / ti.max(weight, 1e-20), 0.0)
+
+    @ti.func
+    def extrapolated(self, p: ti.template(), b, weighted: ti.template()):
         """Pressure of wall particle b: mean of the liquid neighbors (P2)."""
         total = 0.0
         for slot in range(self.wall_rows.count[b]):
             k = self.wall_rows.entry(b, slot)
-            total += self.wall_rows.weight[k] * p[self.wall_rows.index[k]]
-        return self.over_wall_weight(b, total)
+            j = self.wall_rows.index[k]
+            total += self.wall_rows.weight[k] * self.lightness(j, weighted) * p[j]
+        return self.over_wall_weight(b, total, weighted)
 
     @ti.func
-    def liquid_force(self, p: ti.template(), i):
+    def liquid_force(self, p: ti.template(), i, weighted: ti.template()):
         """Part of -(D^T E p)_i / V_i that the pressure of the liquid makes (P3)."""
-        total = p[i] * self.gradient_sum[i]
+        total = p[i] * self._gradient_sum(i, weighted)
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
-            total += p[self.pairs.index[k]] * self.pairs.gradient[k]
+            j = self.pairs.index[k]
+            total += self._share(j, i, weighted) * p[j] * self.pairs.gradient[k]
         return -total
 
     @ti.func
@@ -85,41 +148,42 @@ class PressureOperators:
         return -total
 
     @ti.func
-    def pressure_force(self, p: ti.template(), i):
+    def pressure_force(self, p: ti.template(), i, weighted: ti.template()):
         """-(D^T E p)_i / V_i; `wall_value` must hold the wall pressures."""
-        return self.liquid_force(p, i) + self.wall_force(i)
+        return self.liquid_force(p, i, weighted) + self.wall_force(i)
 
     @ti.func
-    def wall_rate(self, v: ti.template(), b):
+    def wall_rate(self, v: ti.template(), b, weighted: ti.template()):
         """(D v)_b / (V_b sum_f V_f W_bf) of the static wall particle b."""
         total = 0.0
         for slot in range(self.wall_rows.count[b]):
             k = self.wall_rows.entry(b, slot)
             total -= v[self.wall_rows.index[k]].dot(self.wall_rows.gradient[k])
-        return self.over_wall_weight(b, total)
+        return self.over_wall_weight(b, total, weighted)
 
     @ti.func
-    def fold(self, i):
+    def fold(self, i, weighted: ti.template()):
         """(P^T X)_i / V_i of the wall rows' X_b / (V_b sum_f V_f W_bf) in `wall_value`."""
         total = 0.0
         for slot in range(self.wall_pairs.count[i]):
             k = self.wall_pairs.entry(i, slot)
             total += self.wall_pairs.weight[k] * self.wall_value[self.wall_pairs.index[k]]
-        return total
+        return self.lightness(i, weighted) * total
 
     @ti.func
-    def liquid_rate(self, v: ti.template(), i):
+    def liquid_rate(self, v: ti.template(), i, weighted: ti.template()):
         """(D v)_i / V_i (P1)."""
-        total = v[i].dot(self.gradient_sum[i])
+        total = v[i].dot(self._gradient_sum(i, weighted))
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
-            total -= v[self.pairs.index[k]].dot(self.pairs.gradient[k])
+            j = self.pairs.index[k]
+            total -= self._share(i, j, weighted) * v[j].dot(self.pairs.gradient[k])
         return total
 
     @ti.func
     def volume_rate(self, v: ti.template(), i):
         """(E^T D v)_i; `wall_value` must hold the wall rates."""
-        return self.volume[i] * (self.liquid_rate(v, i) + self.fold(i))
+        return self.volume[i] * (self.liquid_rate(v, i, True) + self.fold(i, True))
 
     @ti.func
     def _weight(self, i, weighted: ti.template()):
@@ -132,17 +196,17 @@ class PressureOperators:
     def accelerate(self, p: ti.template(), v: ti.template(), factor: float, weighted: ti.template()):
         """v_i += factor * F_i(p) * mobility_i / V_i (or / V_i where not weighted)."""
         for b in range(self.walls.count):
-            self.wall_value[b] = self.extrapolated(p, b)
+            self.wall_value[b] = self.extrapolated(p, b, weighted)
         for i in range(self.count[None]):
-            v[i] += factor * self._weight(i, weighted) * self.pressure_force(p, i)
+            v[i] += factor * self._weight(i, weighted) * self.pressure_force(p, i, weighted)
 
     @ti.kernel
     def accelerate_freely(self, p: ti.template(), v: ti.template(), dt: float):
         """v_i += dt F_i(p) / m_i, which friction has yet to answer."""
         for b in range(self.walls.count):
-            self.wall_value[b] = self.extrapolated(p, b)
+            self.wall_value[b] = self.extrapolated(p, b, True)
         for i in range(self.count[None]):
-            v[i] += dt * self.volume[i] / self.mass[i] * self.pressure_force(p, i)
+            v[i] += dt * self.volume[i] / self.mass[i] * self.pressure_force(p, i, True)
 
     @ti.func
     def wall_hydrostatics(self, position: ti.template(), acceleration: ti.template(), b):
@@ -152,8 +216,9 @@ class PressureOperators:
             k = self.wall_rows.entry(b, slot)
             j = self.wall_rows.index[k]
             distance = self.search.separation(self.walls.position[b], position[j])
-            total += self.wall_rows.weight[k] * self.mass[j] / self.volume[j] * acceleration[j].dot(distance)
-        return self.over_wall_weight(b, total)
+            weight = self.wall_rows.weight[k] * self.lightness(j, True)
+            total += weight * self.mass[j] / self.volume[j] * acceleration[j].dot(distance)
+        return self.over_wall_weight(b, total, True)
 
     @ti.func
     def push_from_wall(self, v: ti.template(), i, dt):
@@ -178,19 +243,19 @@ class PressureOperators:
         """The same where no pressure is negative: not below that of the liquid, `p`, with its sign turned."""
         for b in range(self.walls.count):
             value = self.wall_hydrostatics(position, acceleration, b)
-            self.wall_value[b] = ti.max(value, -self.extrapolated(p, b))
+            self.wall_value[b] = ti.max(value, -self.extrapolated(p, b, True))
         for i in range(self.count[None]):
             v[i] += self.push_from_wall(v, i, dt)
 
     @ti.func
-    def _own_gradient(self, i):
+    def _own_gradient(self, i, weighted: ti.template()):
         """Gradient of a unit pressure of particle i at its own place, that of the walls it extrapolates to included."""
-        total = self.gradient_sum[i]
+        total = self._gradient_sum(i, weighted)
         for slot in range(self.wall_pairs.count[i]):
             k = self.wall_pairs.entry(i, slot)
             b = self.wall_pairs.index[k]
-            share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k]
-            total += self.over_wall_weight(b, share) * self.wall_pairs.gradient[k]
+            share = self.volume[i] / self.walls.volume[b] * self.wall_pairs.weight[k] * self.lightness(i, weighted)
+            total += self.over_wall_weight(b, share, weighted) * self.wall_pairs.gradient[k]
         return total
 
     @ti.kernel
@@ -205,15 +270,16 @@ class PressureOperators:
                 resistance += dt * effect.friction(i)
             self.mobility[i] = self.volume[i] / resistance
         for i in range(self.count[None]):
-            own = self._own_gradient(i).norm_sqr()
-            plain = own / self.volume[i]
-            weighted = self._weight(i, True) * own / self.volume[i]
+            own = self._own_gradient(i, False).norm_sqr()
+            plain, weighted = own / self.volume[i], self._weight(i, True) * own / self.volume[i]
+            if ti.static(self.shared_by_density):
+                weighted = self._weight(i, True) * self._own_gradient(i, True).norm_sqr() / self.volume[i]
             for slot in range(self.pairs.count[i]):
                 k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 square = self.pairs.gradient[k].norm_sqr()
                 plain += square / self.volume[j]
-                weighted += self._weight(j, True) * square / self.volume[j]
+                weighted += self._weight(j, True) * self._share(i, j, True) ** 2 * square / self.volume[j]
             self.diagonal[0][i] = self.volume[i] ** 2 * plain
             self.diagonal[1][i] = self.volume[i] ** 2 * weighted
 
@@ -221,16 +287,16 @@ class PressureOperators:
     def apply(self, x: ti.template(), weighted: ti.template()):
         """applied = A x (P4)."""
         for b in range(self.walls.count):
-            self.wall_value[b] = self.extrapolated(x, b)
+            self.wall_value[b] = self.extrapolated(x, b, weighted)
         for i in range(self.count[None]):
-            self.force[i] = self._weight(i, weighted) * self.liquid_force(x, i)
+            self.force[i] = self._weight(i, weighted) * self.liquid_force(x, i, weighted)
         for member in range(self.wall_pairs.member_count[None]):
             i = self.wall_pairs.member[member]
             self.force[i] += self._weight(i, weighted) * self.wall_force(i)
         for b in range(self.walls.count):
-            self.wall_value[b] = self.wall_rate(self.force, b)
+            self.wall_value[b] = self.wall_rate(self.force, b, weighted)
         for i in range(self.count[None]):
-            self.applied[i] = -self.volume[i] * self.liquid_rate(self.force, i)
+            self.applied[i] = -self.volume[i] * self.liquid_rate(self.force, i, weighted)
         for member in range(self.wall_pairs.member_count[None]):
             i = self.wall_pairs.member[member]
-            self.applied[i] -= self.volume[i] * self.fold(i)
+            self.applied[i] -= self.volume[i] * self.fold(i, weighted)

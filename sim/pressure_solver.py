@@ -22,6 +22,9 @@ DIVERGED = 100.0  # growth of the mean violation in a solve, from which the rela
 class ConjugateResiduals:
     """Conjugate residuals from p = 0, with the diagonal as preconditioner; the mean of p stays 0.
 
+    Particles count in the mean by their `lightness`: gas beside water has a pressure of about zero, for its mass does
+    not bear the noise of another. What is left of the sum of b goes to particles in the same proportion.
+
     Parameters
     ----------
     operators : A and its diagonal, which has to be that of the present state.
@@ -35,29 +38,33 @@ class ConjugateResiduals:
             ti.field(real(), shape=n) for _ in range(5))
         self.partial = partial_results(3)
         self.rho, self.residual_mean, self.residual_maximum = (ti.field(ti.f64, shape=()) for _ in range(3))
-        self.alpha, self.beta, self.mean = (ti.field(real(), shape=()) for _ in range(3))
+        self.alpha, self.beta, self.mean, self.weight = (ti.field(real(), shape=()) for _ in range(4))
 
     @ti.kernel
-    def _start(self, p: ti.template()):
+    def _start(self, p: ti.template(), weighted: ti.template()):
         """p = 0, residual = b with the mean removed."""
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
+            weight = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
                 total += self.right_side[i]
+                weight += self.operators.lightness(i, weighted)
             self.partial[0, block] = total
+            self.partial[1, block] = weight
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.mean[None] = total_of(self.partial, 0, n) / n
+            self.weight[None] = total_of(self.partial, 1, n)
+            self.mean[None] = total_of(self.partial, 0, n) / self.weight[None]
             self.rho[None] = 0.0
         for i in range(self.count[None]):
             p[i] = 0.0
-            self.residual[i] = self.right_side[i] - self.mean[None]
+            self.residual[i] = self.right_side[i] - self.operators.lightness(i, weighted) * self.mean[None]
             self.direction[i] = 0.0
             self.image[i] = 0.0
 
     @ti.kernel
-    def _precondition(self, diagonal: ti.template()):
+    def _precondition(self, diagonal: ti.template(), weighted: ti.template()):
         """preconditioned = residual / diagonal with the mean removed; mean and largest residual per volume."""
         n = self.count[None]
         for block in range(blocks(n)):
@@ -68,7 +75,7 @@ class ConjugateResiduals:
                 z = self.residual[i] / diagonal[i]
                 self.preconditioned[i] = z
                 left = ti.cast(ti.abs(self.residual[i]) / self.operators.volume[i], ti.f64)
-                mean += z
+                mean += self.operators.lightness(i, weighted) * z
                 total += left
                 largest = ti.max(largest, left)
             self.partial[0, block] = mean
@@ -76,14 +83,14 @@ class ConjugateResiduals:
             self.partial[2, block] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.mean[None] = total_of(self.partial, 0, n) / n
+            self.mean[None] = total_of(self.partial, 0, n) / self.weight[None]
             self.residual_mean[None] = total_of(self.partial, 1, n) / n
             self.residual_maximum[None] = largest_of(self.partial, 2, n)
         for i in range(self.count[None]):
             self.preconditioned[i] -= self.mean[None]
 
     @ti.kernel
-    def _advance(self, p: ti.template(), diagonal: ti.template()):
+    def _advance(self, p: ti.template(), diagonal: ti.template(), weighted: ti.template()):
         """One step of conjugate residuals; rho becomes z.Az, and alpha is 0 where the search has to stop."""
         n = self.count[None]
         for block in range(blocks(n)):
@@ -97,7 +104,7 @@ class ConjugateResiduals:
         ti.loop_config(serialize=True)
         for _ in range(1):
             total = total_of(self.partial, 0, n)
-            self.mean[None] = total_of(self.partial, 1, n) / n
+            self.mean[None] = total_of(self.partial, 1, n) / self.weight[None]
             self.beta[None] = ti.select(self.rho[None] > 0.0, total / self.rho[None], 0.0)
             self.rho[None] = total
         for block in range(blocks(n)):
@@ -107,7 +114,8 @@ class ConjugateResiduals:
                 self.direction[i] = self.preconditioned[i] + beta * self.direction[i]
                 # A does not map to zero mean exactly: left in, a uniform rate that no pressure can change would build
                 # up.
-                self.image[i] = self.operators.applied[i] - self.mean[None] + beta * self.image[i]
+                even = self.operators.lightness(i, weighted) * self.mean[None]
+                self.image[i] = self.operators.applied[i] - even + beta * self.image[i]
                 total += ti.cast(self.image[i], ti.f64) * self.image[i] / diagonal[i]
             self.partial[0, block] = total
         ti.loop_config(serialize=True)
@@ -130,15 +138,15 @@ class ConjugateResiduals:
         residual_mean, residual_maximum : mean and largest |residual| * step / V at the end.
         """
         diagonal = self.operators.diagonal[weighted]
-        self._start(p)
-        self._precondition(diagonal)
+        self._start(p, weighted)
+        self._precondition(diagonal, weighted)
         iterations = 0
         while iterations < maximum_iterations and (tolerance == 0.0 or self.residual_mean[None] * step > tolerance):
             self.operators.apply(self.preconditioned, weighted)
-            self._advance(p, diagonal)
+            self._advance(p, diagonal, weighted)
             if tolerance > 0.0 and self.alpha[None] == 0.0:
                 break
-            self._precondition(diagonal)
+            self._precondition(diagonal, weighted)
             iterations += 1
         return iterations, self.residual_mean[None] * step, self.residual_maximum[None] * step
 

@@ -18,7 +18,7 @@ from pipeline.library.metrics_table import MetricsTable
 from pipeline.library.workflow_call import make
 from pipeline.measures.metric import read_meanings
 from pipeline.measures.shown import shown_metrics
-from pipeline.pages.headlines import headlines
+from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
 from pipeline.scenes.load import load_scene, scene_of_run
@@ -181,7 +181,7 @@ class Run:
         scene, parts = self.scene, []
         if (self.folder / "metrics.csv").is_file():
             shown = shown_metrics(dict(self.metrics), self.metrics.metrics)
-            numbers = headlines(shown, of_eye=scene.container is None)
+            numbers = headlines_of(scene, shown)
             parts += [page.bullets([page.joined(page.bold(one.number), one.meaning) for one in numbers])]
         if (self.folder / "images").is_dir():
             image = self.picture()

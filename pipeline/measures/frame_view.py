@@ -32,11 +32,16 @@ class Measured:
 
     @functools.cached_property
     def oil(self) -> int:
-        """Phase index of the oil: the most viscous liquid, of those that form an interface."""
+        """Phase index of the oil, or of the gas in its place: the most viscous liquid that is not clear, of those that
+        form an interface.
+        """
         oil = known_by_an_effect(self.scene, "interface_oil")
         if oil is not None:
             return [liquid.name for liquid in self.scene.liquids].index(oil)
-        return int(np.argmax([liquid.dynamic_viscosity for liquid in self.scene.liquids]))
+        liquids = self.scene.liquids
+        colored = not all(liquid.clear for liquid in liquids)
+        return max((index for index, liquid in enumerate(liquids) if not (colored and liquid.clear)),
+                   key=lambda index: liquids[index].dynamic_viscosity)
 
     @property
     def oil_fraction(self) -> np.ndarray:

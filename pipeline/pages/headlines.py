@@ -6,6 +6,8 @@ import numpy as np
 
 from pipeline.measures.metric import LAST
 from pipeline.measures.shown import Curve, Shown
+from pipeline.scenes.model import Scene
+from sim.liquid import GAS_DENSITY
 
 # Of an eye: metric, part, and what it is.
 OF_EYE = (("retina_coverage", "whole", "of the retina is under oil"),
@@ -22,6 +24,14 @@ class Headline:
     number: str
     meaning: str
     sure: bool
+
+
+def headlines_of(scene: Scene, shown: Sequence[Shown]) -> list[Headline]:
+    """Return the first numbers of a run of a scene, at its end."""
+    found = headlines(shown, of_eye=scene.container is None)
+    if any(liquid.density < GAS_DENSITY for liquid in scene.liquids):
+        return [dataclasses.replace(one, meaning=one.meaning.replace("under oil", "under gas")) for one in found]
+    return found
 
 
 def headlines(shown: Sequence[Shown], of_eye: bool) -> list[Headline]:

@@ -20,7 +20,7 @@ from pipeline.measures.shown import Shown
 from pipeline.measures.summary import breaks_over_time, changing, constant
 from pipeline.pages.curves import curves
 from pipeline.pages.fundus_strip import fundus_strip
-from pipeline.pages.headlines import headlines
+from pipeline.pages.headlines import headlines_of
 from pipeline.pages.movie_copy import movie_within
 from pipeline.pages.run_folder import Run
 from pipeline.pages.scrubber import data_url, pictures_over_time, webp
@@ -74,7 +74,7 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
 
 
 def _numbers(run: Run, shown: Sequence[Shown]) -> Markup:
-    found = headlines(shown, of_eye=run.scene.container is None)
+    found = headlines_of(run.scene, shown)
     items = Markup("\n").join(Markup("<li><b>{}</b>{}</li>").format(one.number, one.meaning) for one in found)
     said = [f"At the end ({clock(run.table[TIME][-1], run.scene.output.second_means)}), at accuracy "
             f"{run.scene.accuracy}: {1e3 * run.scene.numerics.particle_spacing:g} mm between particles."]

@@ -18,6 +18,7 @@ from sim.advice import EARTH_GRAVITY, NOTE, SEEN_EFFECT, WARNING, Advice, Quanti
 from sim.effects.effect import WEIGHS, Effect
 from sim.effects.parts.postures import POSTURES, Course, Move, direction_of, posture_in_words, words_of
 from sim.launching import data_oriented
+from sim.liquid import are_unlike
 from sim.parameters import parameter
 from sim.runtime import real
 
@@ -197,7 +198,7 @@ class Gravity(Effect):
         super().__init__(parameters, solver)
         densities = [liquid.density for liquid in solver.liquids]
         # In a full cavity any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
-        self.reference_density = densities[0] if max(densities) <= 2.0 * min(densities) else min(densities)
+        self.reference_density = min(densities) if are_unlike(densities) else densities[0]
         if not solver.settings.closed or any(solver.settings.periods):
             self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())

@@ -31,6 +31,7 @@ from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
 from sim.launching import data_oriented
+from sim.liquid import are_unlike
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real
@@ -110,6 +111,7 @@ class InterfaceTension(Effect):
         self.grid = self.level_set.grid
         densities = [liquid.density for liquid in solver.liquids]
         self.density_difference = densities[1] - densities[0]
+        self.first_carries = are_unlike(densities) and densities[1] < densities[0]
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
         capacity = int(30.0 * solver.head_room * area / self.grid.cell ** (self.dimension - 1)) + 1000
         self.capacity = capacity
@@ -554,9 +556,13 @@ class InterfaceTension(Effect):
                 # A label that the level set cannot see, as of a drop of one particle, gets gravity only.
                 if side != h and (ti.abs(phi) > self.spacing or not self._near_interface(x)):
                     h = side
+            if ti.static(self.first_carries):
+                # A constant more of the pressure (I2): gas, in a bubble of one particle too, bears no force. It would
+                # be that on water, 1000 times what the mass of gas bears.
+                h = ti.max(h, self.particles.color[i]) - 1.0
             self.particles.jump_weight[i] = h
             value, slope = 0.0, x * 0.0
-            if h > 0.0:
+            if h != 0.0:
                 value, slope = self._extended(x)
             self.particles.jump[i] = value + self.mean_jump[None]
             self.particles.jump_force[i] = slope + self.body_force[None]

@@ -11,9 +11,10 @@ from sim.boundary import WallStop
 from sim.errors import RunError
 from sim.fields import Field
 from sim.launching import data_oriented
+from sim.liquid import are_unlike
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import ConjugateResiduals
-from sim.reductions import blocks, first, last, least_of, partial_results, total_of
+from sim.reductions import blocks, first, largest_of, last, least_of, partial_results, total_of
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
@@ -21,7 +22,6 @@ from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClampe
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
-LARGEST_DENSITY_RATIO = 2.0  # beyond, pressures of either sign blow up on disordered sets; pressures >= 0 hold
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this:
@@ -44,7 +44,7 @@ class VolumeIncompressible(Scheme):
     """Scheme `volume_incompressible`."""
 
     name = "volume_incompressible"
-    largest_density_ratio = 100.0  # 1:1000 holds in fine boxes, but the light liquid is thrown about in coarse ones
+    largest_density_ratio = 1000.0  # water under air; no more was tried
     Parameters = VolumeIncompressibleParameters
     fields = (
         Field("pressure", "scalar", "Pa", "solved pressure: without the reduced hydrostatic part", carried=True),
@@ -58,12 +58,13 @@ class VolumeIncompressible(Scheme):
 
     def __init__(self, solver):
         super().__init__(solver)
-        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum)
+        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum,
+                                           are_unlike(liquid.density for liquid in solver.liquids))
         self.pressure_solver = ConjugateResiduals(self.operators)
         walls = max(self.walls.count, 1)
         self.wall_compression_rest = ti.field(real(), shape=walls)
         self.compression_mean = ti.field(real(), shape=())
-        self.partial = partial_results(2)
+        self.partial = partial_results(4)
         self.gauge = ti.field(real(), shape=())
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
         self.least_density = min(liquid.density for liquid in solver.settings.liquids)
@@ -78,9 +79,7 @@ class VolumeIncompressible(Scheme):
 
     @classmethod
     def variant(cls, settings) -> type[Scheme]:
-        densities = [liquid.density for liquid in settings.liquids]
-        near = max(densities) <= LARGEST_DENSITY_RATIO * min(densities)
-        return VolumeIncompressible if settings.closed and near else VolumeIncompressibleClamped
+        return VolumeIncompressible if settings.closed else VolumeIncompressibleClamped
 
     @ti.kernel
     def _measure(self):
@@ -99,7 +98,7 @@ class VolumeIncompressible(Scheme):
     def measure(self) -> None:
         """Compression rates, gradient sums and wall weights of the current neighbor rows."""
         self._measure()
-        self.operators.update_wall_weights()
+        self.operators.update()
 
     def set_rest_state(self) -> None:
         """Take the present compression of the wall rows as that of rest (packed start)."""
@@ -135,7 +134,8 @@ class VolumeIncompressible(Scheme):
         proportion to the time step, stirs the oil (incremental pressure correction [vankan1986]).
         """
         self._soften(dt)
-        self._set_gauge(min(self._largest_weight(), GAUGE_LIMIT * self.least_density * (self.spacing / dt) ** 2))
+        density = 1.0 if self.operators.shared_by_density else self.least_density
+        self._set_gauge(self._largest_weight(), GAUGE_LIMIT * density * (self.spacing / dt) ** 2)
         self.operators.accelerate_freely(self.pressure, self.velocity, dt)
 
     @ti.kernel
@@ -150,8 +150,10 @@ class VolumeIncompressible(Scheme):
             total = weight * self.pressure[i]
             for slot in range(self.pairs.count[i]):
                 k = self.pairs.entry(i, slot)
-                total += self.pairs.weight[k] * self.pressure[self.pairs.index[k]]
-                weight += self.pairs.weight[k]
+                j = self.pairs.index[k]
+                alike = self.operators.likeness(i, j) * self.pairs.weight[k]
+                total += alike * self.pressure[j]
+                weight += alike
             travel = dt * self.solver.velocity_at_start[i].norm() / self.spacing
             share = ti.min(1.0, (travel / SOFTENED) ** 2)
             self.pressure_change[i] = self.pressure[i] + share * (total / weight - self.pressure[i])  # (P8)
@@ -195,14 +197,14 @@ class VolumeIncompressible(Scheme):
     @ti.kernel
     def _set_velocity_right_side(self, dt: float):
         for b in range(self.walls.count):
-            rate = self.operators.wall_rate(self.velocity, b)
+            rate = self.operators.wall_rate(self.velocity, b, True)
             if ti.static(self.volumes_change):
                 total = 0.0
                 for slot in range(self.wall_rows.count[b]):
                     k = self.wall_rows.entry(b, slot)
                     j = self.wall_rows.index[k]
                     total += self.volume_rate[j] / self.volume[j] * self.wall_rows.weight[k]
-                rate += self.operators.over_wall_weight(b, total)
+                rate += self.operators.over_wall_weight(b, total, True)
             self.operators.wall_value[b] = rate
         for i in range(self.count[None]):
             rate = self.operators.volume_rate(self.velocity, i)
@@ -216,27 +218,37 @@ class VolumeIncompressible(Scheme):
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel
-    def _set_gauge(self, limit: float):
-        """Add the constant, which is in the null space, that makes the smallest pressure zero, up to a limit.
+    def _set_gauge(self, weight: float, limit: float):
+        """Add the constant, which is in the null space, that makes the smallest pressure zero, up to two limits.
 
         A pressure p acts on an uneven set as a force -2 p S_i as well: below zero it draws particles together, far
-        above zero it heats the liquid. The limit is the weight that presses on a liquid at rest: lifting the low
-        pressure in an eddy too would brake it (a vortex at Re 100 then decays 35 % too fast).
+        above zero it heats the liquid. `weight` is what presses on a liquid at rest: lifting the low pressure in an
+        eddy too would brake it (a vortex at Re 100 then decays 35 % too fast). `limit` is that of what particles bear,
+        per density where densities are unlike: gas bears so little that its mean pressure is about zero, and water that
+        hangs from it is under tension.
         """
         n = self.count[None]
         for block in range(blocks(n)):
             total = ti.cast(0.0, ti.f64)
+            share = ti.cast(0.0, ti.f64)
+            lightest = ti.cast(0.0, ti.f64)
             least = ti.cast(1e30, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                total += self.pressure[i]
+                lightness = ti.cast(self.operators.lightness(i, True), ti.f64)
+                total += lightness * self.pressure[i]
+                share += lightness
+                lightest = ti.max(lightest, lightness)
                 if self.volume[i] > 0.5 * self.solver.rest_volume:  # small particles are outliers
                     least = ti.min(least, ti.cast(self.pressure[i], ti.f64))
             self.partial[0, block] = total
             self.partial[1, block] = least
+            self.partial[2, block] = share
+            self.partial[3, block] = lightest
         ti.loop_config(serialize=True)
         for _ in range(1):
-            mean = total_of(self.partial, 0, n) / n
-            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), limit) - mean  # (P9)
+            mean = total_of(self.partial, 0, n) / total_of(self.partial, 2, n)
+            largest = ti.min(weight, limit / largest_of(self.partial, 3, n))
+            self.gauge[None] = ti.min(mean - least_of(self.partial, 1, n), largest) - mean  # (P9)
         for i in range(self.count[None]):
             self.pressure[i] += self.gauge[None]
 
@@ -250,9 +262,9 @@ class VolumeIncompressible(Scheme):
     def _set_correction_right_side(self):
         for b in range(self.walls.count):
             error = self.operators.wall_weight[b] - self.wall_compression_rest[b]
-            self.operators.wall_value[b] = self.operators.over_wall_weight(b, error)
+            self.operators.wall_value[b] = self.operators.over_wall_weight(b, error, False)
         for i in range(self.count[None]):
-            error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i)
+            error = self.compression_rate[i] - self.compression_mean[None] + self.operators.fold(i, False)
             self.pressure_solver.right_side[i] = CORRECTION_RATE * self.volume[i] * error  # (P11)
 
     @ti.func
@@ -276,12 +288,12 @@ class VolumeIncompressible(Scheme):
     def _move(self, dt: float):
         limit = CORRECTION_LIMIT * self.spacing
         for b in range(self.walls.count):
-            self.operators.wall_value[b] = self.operators.extrapolated(self.correction, b)
+            self.operators.wall_value[b] = self.operators.extrapolated(self.correction, b, False)
         for i in range(self.count[None]):
             gradient = self.kernel_gradient_sum[i]
             travel = dt * self.velocity[i].norm() / self.spacing
             weight = ti.min(SHIFT_RATE * travel, SHIFT_LIMIT)
-            shift = self.operators.pressure_force(self.correction, i) - weight * self.spacing**2 * gradient
+            shift = self.operators.pressure_force(self.correction, i, False) - weight * self.spacing**2 * gradient
             shift += self._separation(i)
             length = shift.norm()
             self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))  # (P10)

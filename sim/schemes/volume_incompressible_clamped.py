@@ -1,4 +1,4 @@
-"""Volume-incompressible SPH with pressures p >= 0: for free surfaces, and for full cavities of a high density ratio
+"""Volume-incompressible SPH with pressures p >= 0: for free surfaces
 ([song, section III-A, algorithm 1], with pair forces that cancel, masses in the diagonal and the pressure as the last
 part of a step). Equations: docs/methods/pressure.md.
 
@@ -19,6 +19,7 @@ from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
 from sim.launching import data_oriented
+from sim.liquid import are_unlike
 from sim.parameters import parameter
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import Jacobi
@@ -26,7 +27,6 @@ from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 
 SPRAY = 0.5  # compression rate over that at rest, below which a particle starts from p = 0 and may converge
-LARGE_DENSITY_RATIO = 10.0  # beyond, the time step is limited further
 EIGENVALUE_INTERVAL = 100  # steps between two measurements of the largest eigenvalue
 CORRECTION_RATE = 0.2  # share of the compression that moving the particles removes per step
 CORRECTION_ITERATIONS = 5
@@ -45,7 +45,7 @@ class VolumeIncompressibleParameters:
 
 @data_oriented
 class VolumeIncompressibleClamped(Scheme):
-    """Scheme `volume_incompressible` where a surface is free or the densities differ by more than a factor of two."""
+    """Scheme `volume_incompressible` where a surface is free."""
 
     name = "volume_incompressible"
     Parameters = VolumeIncompressibleParameters
@@ -58,27 +58,17 @@ class VolumeIncompressibleClamped(Scheme):
         Field("displacement", "vector", "m", "move beside that with the velocity"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
-    lacks = MappingProxyType({GROWTH: "it works in full cavities at density ratios up to 2 only"})
+    lacks = MappingProxyType({GROWTH: "it works in full cavities only"})
 
     def __init__(self, solver):
         super().__init__(solver)
-        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum)
+        self.operators = PressureOperators(solver.particles, self.search, self.kernel_gradient_sum,
+                                           are_unlike(liquid.density for liquid in solver.liquids))
         self.pressure_solver = Jacobi(self.operators, self.parameters.pressure_method == "accelerated_jacobi")
         self.moves_positions = self.parameters.constant_volume == "position"
         self.compression_at_rest = lattice_sum(self.search.kernel, solver.rest_volume ** (1.0 / solver.dimension),
                                                solver.dimension)
         self.wall_stop = WallStop(solver.distance, self.spacing, self.count, self.contact)
-
-    def stable_time_step(self) -> float:
-        """0.1 sqrt(dx/a) where a light liquid meets a heavy one, which throws it about in larger steps (measured).
-
-        (A6) of docs/methods/time_step.md.
-        """
-        densities = [liquid.density for liquid in self.solver.liquids]
-        acceleration = self.solver.largest[1]
-        if acceleration == 0.0 or max(densities) <= LARGE_DENSITY_RATIO * min(densities):
-            return float("inf")
-        return 0.1 * (self.spacing / acceleration) ** 0.5
 
     @ti.kernel
     def _measure(self):
@@ -89,7 +79,7 @@ class VolumeIncompressibleClamped(Scheme):
 
     def measure(self) -> None:
         self._measure()
-        self.operators.update_wall_weights()
+        self.operators.update()
 
     def set_rest_state(self) -> None:
         self.pressure_solver.set_eigenvalue(self.pressure_solver.measure_eigenvalue())
@@ -101,7 +91,7 @@ class VolumeIncompressibleClamped(Scheme):
         The pressure between particles that hardly meet is large for its small gradients: it must not outlive the step.
         """
         for b in range(self.walls.count):
-            self.operators.wall_value[b] = self.operators.wall_rate(self.velocity, b)
+            self.operators.wall_value[b] = self.operators.wall_rate(self.velocity, b, True)
         for i in range(self.count[None]):
             rate = self.operators.volume_rate(self.velocity, i)
             spray = self.compression_rate[i] < SPRAY * self.compression_at_rest

@@ -18,7 +18,7 @@ from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
-from pipeline.pages.headlines import headlines
+from pipeline.pages.headlines import headlines, headlines_of
 from pipeline.pages.movie_copy import movie_within
 from pipeline.pages.run_folder import read_run
 from pipeline.pages.turning_view import break_bands, turning_view
@@ -242,3 +242,16 @@ def red_pixels(address):
     shade = pixels.max(axis=2)
     alike = np.abs(pixels / np.maximum(shade, 1.0)[..., None] - np.array(BREAK_COLOR) / max(BREAK_COLOR)).max(axis=2)
     return int(((alike < 0.05) & (shade > 80.0)).sum())
+
+
+@pytest.mark.parametrize(("density", "word"), [(970.0, "oil"), (1.2, "gas")])
+def test_headlines_name_what_covers_the_retina(density, word):
+    from pipeline.measures.metric import Metric
+    from pipeline.measures.shown import shown_metrics
+
+    scene = load_scene(ROOT / "config" / "scenes" / "still_eye.yaml", "draft")
+    oil = dataclasses.replace(scene.liquids[1], density=density)
+    scene = dataclasses.replace(scene, liquids=(scene.liquids[0], oil))
+    table = {"time [s]": np.array([0.0, 1.0]), "retina_coverage_whole [%]": np.array([40.0, 50.0])}
+    found = headlines_of(scene, shown_metrics(table, [Metric("retina_coverage", "%", "", None)]))
+    assert [one.meaning for one in found] == [f"of the retina is under {word}"]

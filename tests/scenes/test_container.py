@@ -223,6 +223,20 @@ def test_dfsph_takes_less_of_a_ratio_where_it_sums_masses(write, form, density, 
         assert f"but the scheme dfsph was shown to work up to {limit} {where}" in errors_of(path)[0]
 
 
+@pytest.mark.parametrize(("density", "limit"), [("1.2 kg/m3", None), ("0.9 kg/m3", "1000")])
+@pytest.mark.parametrize("closed", [True, False])
+def test_gas_is_taken_up_to_a_ratio_of_a_thousand(write, density, limit, closed):
+    path = write(f"extends: base\n{FULL if closed else ''}\n"
+                 f"liquids: {{aqueous: {{density: {density}}}, silicone_oil_1000: {{}}}}\n"
+                 "numerics: {scheme: volume_incompressible}\n")
+    if limit is None:
+        assert load_scene(path, "draft").numerics.scheme == "volume_incompressible"
+    else:
+        where = "in a full cavity" if closed else "under a free surface"
+        assert f"the scheme volume_incompressible was shown to work up to {limit} {where}" in (
+            errors_of(path)[0])
+
+
 def test_injection_beside_a_gas_is_refused(write):
     """Beyond a density ratio of 2 the scheme solves with pressures >= 0, which takes up no growing volumes."""
     injection = ("effects: {injection: {liquid: aqueous, drained_liquid: silicone_oil_1000, flow: 1e-6, fill: 0.5, "

@@ -11,16 +11,18 @@ pytestmark = pytest.mark.usefixtures("taichi")
 SPACING = 1e-3
 SUPPORT = 2.5 * SPACING
 LIQUIDS = (Liquid("heavy", 1000.0, 0.0), Liquid("light", 500.0, 0.0))
+GAS = (LIQUIDS[0], Liquid("gas", 1.0, 0.0))
 VISCOUS = (Liquid("heavy", 1000.0, 1.0), Liquid("light", 500.0, 0.1))
 
 
 class Reference:
     """D, E and the masses of a solver's state as dense matrices.
 
-    (D v)_a = V_a sum_j V_j (v_a - v_j).G_aj over liquid and wall a; E = [1; P].
+    (D v)_a = V_a sum_j V_j (v_a - v_j).G_aj over liquid and wall a; E = [1; P]. Shared by density, the terms of two
+    liquid particles count 2 rho_j / (rho_a + rho_j) times, and those of P 1/rho times.
     """
 
-    def __init__(self, solver):
+    def __init__(self, solver, shared_by_density=False):
         self.position, self.volume, self.mass = cavities.read(solver, "position", "volume", "mass")
         walls = solver.walls
         count, wall_count, dimension = len(self.volume), walls.count, solver.dimension
@@ -33,12 +35,15 @@ class Reference:
         gradient = (-20.0 * scale / SUPPORT**2 * (1 - q) ** 3)[:, :, None] * away
         gradient[count:, count:] = 0.0      # wall meets wall nowhere in the method
         self.pair = volume[:, None, None] * volume[None, :, None] * gradient        # V_a V_b G_ab
+        density = self.mass / self.volume
+        if shared_by_density:
+            self.pair[:count, :count] *= (2.0 * density / (density[:, None] + density))[:, :, None]
         self.rate = np.zeros((count + wall_count, count, dimension))
         self.rate -= self.pair[:, :count]
         own = self.pair.sum(axis=1)
         self.rate[np.arange(count), np.arange(count)] += own[:count]
         self.rate = self.rate.reshape(count + wall_count, count * dimension)
-        near = self.volume * self.kernel[count:, :count]
+        near = self.volume * self.kernel[count:, :count] / (density if shared_by_density else 1.0)
         total = near.sum(axis=1, keepdims=True)
         wall_rows = np.divide(near, total, out=np.zeros_like(near), where=total > 0.0)
         self.extrapolation = np.vstack([np.eye(count), wall_rows])
@@ -60,6 +65,37 @@ def at_rest(dimension: int, radius: float):
     solver.prepare_rest_state()
     solver.scheme.operators.update_diagonals(0.0)
     return solver, solver.scheme.pressure_solver, Reference(solver)
+
+
+def gas_at_rest(dimension: int, radius: float):
+    """Return the same for water and gas."""
+    solver = cavities.build(cavities.cavity("circle", radius, dimension), liquids=GAS)
+    solver.prepare_rest_state()
+    solver.scheme.operators.update_diagonals(0.0)
+    return solver, solver.scheme.pressure_solver, Reference(solver, shared_by_density=True)
+
+
+def test_matrix_of_water_and_gas_is_that_of_pressures_shared_by_density(cavity_size):
+    """(P13) against a matrix from all pairs."""
+    solver, pressure_solver, reference = cavities.shared(gas_at_rest, *cavity_size)
+    expected = reference.matrix(reference.mass)
+    found = assembled(solver, pressure_solver, True)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(expected).max())
+
+
+def test_gas_away_from_walls_does_not_feel_the_pressure_of_water():
+    """The share of water's pressure in a pair with gas is 2/1001."""
+    radius = 6e-3
+    solver, _, reference = cavities.shared(gas_at_rest, 2, radius)
+    phase = cavities.read(solver, "phase")[0]
+    solver.particles.from_numpy("pressure", np.where(phase == 0, 1.0, 0.0))  # of water alone
+    solver.particles.from_numpy("velocity", np.zeros_like(reference.position))
+    solver.scheme.operators.accelerate(solver.scheme.pressure, solver.scheme.velocity, 1.0, True)
+    velocity = cavities.read(solver, "velocity")[0]
+    force = np.linalg.norm(reference.mass[:, None] * velocity, axis=1)
+    inside = np.linalg.norm(reference.position, axis=1) < radius - SUPPORT
+    assert force[(phase == 1) & inside].max() < 0.01 * force[(phase == 0) & inside].max()
 
 
 @pytest.fixture(scope="module", params=[(2, 4.5e-3), (3, 2.6e-3)], ids=["circle", "sphere"])

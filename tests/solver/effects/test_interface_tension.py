@@ -86,6 +86,35 @@ def test_flat_interface_at_ninety_degrees_stays_flat():
     assert abs(meniscus(solver, 11.0 * SPACING)) < 0.35
 
 
+def test_gas_over_water_rests_under_tension():
+    """Level, at ninety degrees, in a circle of sixteen spacings; where gas bears the force it flies at 4 sqrt(g H)."""
+    radius, gravity = 8.0 * SPACING, 9.81
+    wave = np.sqrt(2.0 * gravity * radius)
+    solver = cavities.build(
+        cavities.cavity("circle", radius), phase=lambda x: x[:, 1] > 0.0, support_ratio=3.0,
+        liquids=(Liquid("water", 1000.0, 1e-3), Liquid("gas", 1.0, 2e-5)),
+        effects=(cavities.parameters("gravity", magnitude=gravity), cavities.parameters("viscosity_implicit"),
+                 cavities.parameters("interface_tension", coefficient=0.072, contact_angle=0.5 * np.pi)))
+    cavities.run(solver, 2.0 * radius / wave)
+    weight, velocity, phase = cavities.read(solver, "jump_weight", "velocity", "phase")
+    speed = np.linalg.norm(velocity, axis=1)
+    assert not weight[phase == 1].any() and (weight[phase == 0] < 0.0).any()
+    assert np.sqrt((speed[phase == 0] ** 2).mean()) < 0.05 * wave
+    assert speed[phase == 1].max() < 0.5 * wave
+
+
+def test_pressure_in_a_bubble_of_gas_is_that_of_laplace():
+    """Five spacings in radius in a circle of eleven, at rest without gravity, from rough start."""
+    liquids = (Liquid("water", 1000.0, 0.1), Liquid("gas", 1.0, 2e-3))
+    effects = (cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=0.5 * np.pi),
+               cavities.parameters("viscosity_implicit"))
+    solver = cavities.build(cavities.cavity("circle", 11.0 * SPACING), effects=effects, liquids=liquids,
+                            phase=lambda x: np.linalg.norm(x, axis=1) < CIRCLE_DROP, support_ratio=3.0)
+    cavities.run(solver, 0.02)
+    jump, radius = pressure_jump(solver.snapshot())
+    assert jump == pytest.approx(TENSION / radius, rel=0.05)
+
+
 def test_liquid_of_sixty_degrees_climbs_the_wall():
     """Young: the interface ends as an arc of radius W/(2 cos 60), whose rise is W/2 (1 - sin 60)/cos 60."""
     solver = with_tension(cavities.cavity("box", BOX), 60.0, lambda x: x[:, 1] > 0.0)

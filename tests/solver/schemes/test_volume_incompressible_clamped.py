@@ -4,7 +4,6 @@ import math
 import cavities
 import numpy as np
 import pytest
-from cavities import build, cavity, parameters
 from free_surface import (
     GRAVITY,
     assert_bounded,
@@ -30,38 +29,19 @@ LIGHT = Liquid("oil", 300.0, 1e-3)
 TIME = math.sqrt(HEIGHT / GRAVITY)
 
 
-def test_densities_and_free_surface_choose_the_pressures():
-    alike, unlike = (cavities.AQUEOUS, cavities.OIL), (cavities.AQUEOUS, Liquid("light", 400.0, 1e-3))
-    for liquids, closed, expected in ((alike, True, VolumeIncompressible), (unlike, True, VolumeIncompressibleClamped),
-                                      (alike, False, VolumeIncompressibleClamped)):
-        settings = Settings(2, liquids, Numerics(particle_spacing=1e-3), (), closed=closed)
-        assert VolumeIncompressible.variant(settings) is expected
+@pytest.mark.parametrize(("closed", "expected"), [(True, VolumeIncompressible), (False, VolumeIncompressibleClamped)])
+def test_a_free_surface_chooses_the_pressures(closed, expected):
+    settings = Settings(2, (cavities.AQUEOUS, cavities.OIL), Numerics(particle_spacing=1e-3), (), closed=closed)
+    assert VolumeIncompressible.variant(settings) is expected
 
 
-@pytest.mark.parametrize("ratio", [1.0, 0.5])
+@pytest.mark.parametrize("ratio", [1.0, 0.5, 0.01, 0.001])
 def test_pressure_below_a_free_surface_is_the_weight_above(ratio):
-    """Measured at 40 spacings: 1 %; the study `validation` asks for 2 % at the middle of three resolutions."""
+    """Measured: 1 % at 1:2, 0.3 % at 1:100 and 1:1000; 0.6, 0.1 and 0.2 % at 40 spacings."""
     solver = still_tank(SCHEME, HEIGHT, 20, ratio, support_ratio=3.0)
     cavities.run(solver, 4.0 * TIME)
     assert hydrostatic_error(solver, HEIGHT, ratio) < 0.025
     assert cavities.root_mean_square_speed(solver) < 0.01 * math.sqrt(GRAVITY * HEIGHT)
-
-
-@pytest.mark.parametrize("density", [100.0, 10.0])
-def test_gas_above_water_stays_at_rest_in_a_full_box(density):
-    """Ratios of 1:10 and 1:100; measured at 40 spacings: 0.8 % and 0.9 % of rho g H."""
-    spacing = HEIGHT / 16
-    solver = build(cavity("box", (HEIGHT, HEIGHT), 2, spacing), effects=(parameters("gravity", magnitude=GRAVITY),),
-                   liquids=(Liquid("water", 1000.0, 0.0), Liquid("gas", density, 0.0)), support_ratio=3.0,
-                   maximum_time_step=0.1 * math.sqrt(spacing / GRAVITY))
-    cavities.run(solver, 2.0 * TIME)
-    state = solver.snapshot()
-    y = state["position"][:, 1]
-    error = state["pressure"] + GRAVITY * np.where(y > 0.0, density, 1000.0) * y
-    error -= error.mean()  # known up to a constant
-    assert np.sqrt((error**2).mean()) < 0.04 * 1000.0 * GRAVITY * HEIGHT
-    assert np.linalg.norm(state["velocity"], axis=1).max() < 0.5 * math.sqrt(GRAVITY * HEIGHT)
-    assert y[state["phase"] == 0].max() < 1.5 * spacing and y[state["phase"] == 1].min() > -1.5 * spacing
 
 
 @pytest.mark.parametrize("constant_volume", ["position", "velocity"])
