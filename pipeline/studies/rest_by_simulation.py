@@ -1,4 +1,4 @@
-"""Oil at rest by energy (`pipeline.equilibrium`) beside simulations in eyes for which it was not made.
+"""Oil or gas at rest by energy (`pipeline.equilibrium`) beside simulations in eyes for which it was not made.
 
 A shape at rest depends on densities, tension, contact angle and the eye, not on viscosity: both liquids get one small
 viscosity, so that the simulation rests within seconds. It starts level, which tells whether it finds the shape, or in
@@ -25,7 +25,7 @@ from sim.effects.gravity import POSTURES
 from sim.parameters import parameter
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
-SCENE, OIL, AQUEOUS = "resting_eye", "silicone_oil_1000", "aqueous"
+SCENES, AQUEOUS = ("resting_eye", "gas_eye"), "aqueous"
 PARTS = {"retina": "whole", "superior": "superior", "inferior": "inferior", "macula": "macula"}
 TOLERANCE = 3.0     # points of a covered share
 ASKED = ("retina", "inferior")
@@ -39,30 +39,37 @@ class Parameters:
 
     patient: str = parameter(meaning="name of the eye")
     eye: Eye = parameter(Eye(), meaning="the eye, as in a scene")
-    fill: float = parameter(0.85, minimum=0.5, maximum=0.98, meaning="share of the cavity that is oil")
+    scene: str = parameter("resting_eye", choices=SCENES, meaning="scene that has the liquids and their tension")
+    fill: float = parameter(0.85, minimum=0.5, maximum=0.98, meaning="share of the cavity that is oil or gas")
     posture: str = parameter("upright", choices=tuple(POSTURES), meaning="posture of the patient")
-    start: str = parameter("level", choices=("level", AT_REST), meaning="where the oil of the simulation is at first")
+    start: str = parameter("level", choices=("level", AT_REST), meaning="where the oil or gas is at first")
     coarser: float = parameter(1.0, minimum=0.25, maximum=2.0, meaning="particle spacing over that of the level")
     viscosity: float = parameter(0.1, unit="Pa s", exclusive_minimum=0.0, meaning="of both liquids")
     duration: float = parameter(3.0, unit="s", exclusive_minimum=0.0, meaning="simulated time")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("eye",)
+    UNNAMED = ("eye", "scene")
 
 
 def solves(case: Parameters) -> str:
     """The scene that is changed."""
-    return SCENE
+    return case.scene
 
 
 def changed(case: Parameters, scene: Scene) -> Scene:
     """Return the scene with the eye, fill, posture, viscosity and particle spacing of a case."""
     effects = scene.effects | {"gravity": dataclasses.replace(scene.effects["gravity"], posture=case.posture)}
     liquids = tuple(dataclasses.replace(liquid, dynamic_viscosity=case.viscosity) for liquid in scene.liquids)
-    initial = dataclasses.replace(scene.initial, shape=case.start, fill={OIL: case.fill, AQUEOUS: 1.0 - case.fill})
+    fill = {tamponade_of(scene): case.fill, AQUEOUS: 1.0 - case.fill}
+    initial = dataclasses.replace(scene.initial, shape=case.start, fill=fill)
     numerics = dataclasses.replace(scene.numerics, particle_spacing=case.coarser * scene.numerics.particle_spacing,
                                    precision=case.precision, threads=0)
     return dataclasses.replace(scene, eye=case.eye, effects=effects, liquids=liquids, initial=initial,
                                numerics=numerics)
+
+
+def tamponade_of(scene: Scene) -> str:
+    """Name of the liquid in place of the vitreous that is not aqueous."""
+    return next(liquid.name for liquid in scene.liquids if liquid.name != AQUEOUS)
 
 
 def run(case: Parameters, scene: Scene) -> Outcome:
@@ -73,7 +80,7 @@ def run(case: Parameters, scene: Scene) -> Outcome:
     exact_s = time.perf_counter() - begin
     initial = voxelize(scene, cavity_mesh(scene.eye)[0])[0]
     solver = build_solver(scene, initial)
-    oil = [liquid.name for liquid in scene.liquids].index(OIL)
+    oil = [liquid.name for liquid in scene.liquids].index(tamponade_of(scene))
     times, covered, seconds, failure = [0.0], [_read(scene, initial, solver, oil)], np.zeros(2), ""
     for end in case.duration * np.arange(1, WINDOWS + 1) / WINDOWS:
         run = advance(solver, float(end), f"{case.patient} {case.posture} to {end:.2g} s", lambda solver: {})
