@@ -22,6 +22,7 @@ from sim.effects.effect import GROWTH, MIXES, REMEMBERS, Effect
 from sim.errors import RunError
 from sim.fields import Field
 from sim.launching import data_oriented
+from sim.liquid import UNLIKE, are_unlike
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
 from sim.runtime import real, real_numpy
@@ -94,6 +95,15 @@ def _check_cavity(parameters, closed):
                                          "fill the container or remove injection")
 
 
+def _check_liquids(liquids):
+    densities = [liquid.density for liquid in liquids]
+    if are_unlike(densities):
+        ratio = max(densities) / min(densities)
+        yield (("effects", "injection"),
+               f"cannot be used with liquids whose densities differ by a factor of {ratio:.4g}: it was shown to "
+               f"work up to {UNLIKE:g}, and gas is blown apart where it streams in")
+
+
 def _check_start(parameters, output):
     if parameters.start >= output.duration:
         yield (("effects", "injection", "start"),
@@ -136,7 +146,7 @@ class Injection(Effect):
     needs = frozenset({GROWTH})
     fewest_liquids = 2
     inside = ("cannula", "drain")
-    checks = (_check_exchange, _check_cavity, _check_start, _check_room)
+    checks = (_check_exchange, _check_cavity, _check_liquids, _check_start, _check_room)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
