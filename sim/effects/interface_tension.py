@@ -111,7 +111,8 @@ class InterfaceTension(Effect):
         self.grid = self.level_set.grid
         densities = [liquid.density for liquid in solver.liquids]
         self.density_difference = densities[1] - densities[0]
-        self.first_carries = are_unlike(densities) and densities[1] < densities[0]
+        # Phase of a liquid that is too light to bear the tension, -1 for none.
+        self.light = int(densities[1] < densities[0]) if are_unlike(densities[:2]) else -1
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
         capacity = int(30.0 * solver.head_room * area / self.grid.cell ** (self.dimension - 1)) + 1000
         self.capacity = capacity
@@ -556,10 +557,12 @@ class InterfaceTension(Effect):
                 # A label that the level set cannot see, as of a drop of one particle, gets gravity only.
                 if side != h and (ti.abs(phi) > self.spacing or not self._near_interface(x)):
                     h = side
-            if ti.static(self.first_carries):
-                # A constant more of the pressure (I2): gas, in a bubble of one particle too, bears no force. It would
-                # be that on water, 1000 times what the mass of gas bears.
+            # Gas, on the wrong side of the level set too, bears no force: it would be that on water, 1000 times what
+            # the mass of gas bears. Where gas is the second liquid, that is a constant more of the pressure (I2).
+            if ti.static(self.light == 1):
                 h = ti.max(h, self.particles.color[i]) - 1.0
+            if ti.static(self.light == 0):
+                h = ti.min(h, self.particles.color[i])
             self.particles.jump_weight[i] = h
             value, slope = 0.0, x * 0.0
             if h != 0.0:
