@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cavities import build, cavity, parameters
 
+from sim.schemes.volume_incompressible import SOFTENED
 from sim.settings import Liquid
 
 pytestmark = pytest.mark.usefixtures("anew")
@@ -48,3 +49,20 @@ def test_water_does_not_fall_into_gas_that_has_no_way_out():
     fallen = (start["position"] - state["position"])[water, 1].mean()
     assert abs(fallen) < 0.1 * SPACING
     assert state["compression_rate"].max() < 1.1
+    weight = 1000.0 * GRAVITY * HEIGHT
+    assert np.abs(state["pressure"][~water]).max() < 0.05 * weight  # gas has about none, and the water hangs from it
+    assert state["pressure"][water].min() < -0.3 * weight
+
+
+def test_softening_leaves_gas_its_pressure():
+    """What travels loses the unevenness of its pressure, not the jump between water and gas."""
+    solver = tank("box", 1.0)
+    solver.step()
+    phase = solver.particles.to_numpy("phase")
+    solver.particles.from_numpy("pressure", np.where(phase == 0, 1.0, 0.0))
+    velocity = np.zeros((len(phase), 2))
+    velocity[:, 0] = SOFTENED * SPACING / 1e-3
+    solver.particles.from_numpy("velocity_at_start", velocity)
+    solver.scheme._soften(1e-3)
+    (pressure,) = cavities.read(solver, "pressure")
+    assert pressure[phase == 0].min() > 0.98 and pressure[phase == 1].max() < 0.02
