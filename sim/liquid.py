@@ -18,6 +18,6 @@ class Liquid:
 
 
 def are_unlike(densities: Iterable[float]) -> bool:
-    """Whether the lightest of these liquids weighs less than half as much as the heaviest."""
+    """Whether the lightest of these liquids weighs less than half as much as the heaviest; not if there is none."""
     known = list(densities)
-    return max(known) > UNLIKE * min(known)
+    return bool(known) and max(known) > UNLIKE * min(known)

@@ -307,7 +307,7 @@ class EyeRotation(Effect):
         yield 0.5 * self.parameters.peak * self.solver.walls.extent  # the wall, which the liquid lags behind
 
     def stable_time_step(self) -> float:
-        """A share of the movement that the next step falls into, s."""
+        """A share of the movement that the next step falls into, s: (A6) of docs/methods/time_step.md."""
         longest = self.solver.settings.numerics.maximum_time_step
         return min(movement.scale(self.solver.time, longest) for movement in self.parameters.movements) / STEPS
 
