@@ -26,8 +26,8 @@ GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this:
 # both are chosen on that vortex, so it judges everything but them
-TENSION_RATE = 4.0  # the same per -p dt^2/(rho dx^2) where densities are unlike: water that hangs from gas for 60 ms in a
-# circle of 20 spacings draws together and leaves voids without
+TENSION_RATE = 4.0  # the same per -p dt^2/(rho dx^2) where densities are unlike: without it water that hangs from gas
+# for 60 ms in a circle of 20 spacings draws together and leaves voids
 RESIDUAL = 2.0  # mean residual of the pressure, over the tolerance times the way of the fastest particle in the step,
 # in spacings: liquids that come to rest in an eye are 3 % too fast with it, at half the iterations of a value of 1
 UNLIKE_RESIDUAL = 0.3  # of that where densities are unlike: water that drives gas is 6 % too fast with all of it
