@@ -88,8 +88,10 @@ def test_simulations_have_the_liquids_of_the_shape_and_thin_them():
         study = load_study("rest_by_simulation")
         case = study.case("rest_by_simulation-staphyloma_band-0.85-upright-level-1")
         scene = rest_by_simulation.changed(case.parameters, case.solved()[0])
-    assert len(study.cases) == 30 and len({case.parameters.eye for case in study.cases.values()}) == 4
-    assert Eye() not in {case.parameters.eye for case in study.cases.values()}
+    oil, gas = ([one.parameters for one in study.cases.values() if one.parameters.scene == name]
+                for name in rest_by_simulation.SCENES)
+    assert len(oil) == 30 and len({one.eye for one in oil}) == 4 and Eye() not in {one.eye for one in oil}
+    assert len(gas) == 6
     assert scene.eye.staphyloma is not None and scene.eye.buckle == Buckle(0.002)
     assert [liquid.density for liquid in scene.liquids] == [liquid.density for liquid in case.solved()[0].liquids]
     assert {liquid.dynamic_viscosity for liquid in scene.liquids} == {0.1}
