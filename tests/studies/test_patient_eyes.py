@@ -91,7 +91,7 @@ def test_simulations_have_the_liquids_of_the_shape_and_thin_them():
     oil, gas = ([one.parameters for one in study.cases.values() if one.parameters.scene == name]
                 for name in rest_by_simulation.SCENES)
     assert len(oil) == 30 and len({one.eye for one in oil}) == 4 and Eye() not in {one.eye for one in oil}
-    assert len(gas) == 6
+    assert len(gas) == 8
     assert scene.eye.staphyloma is not None and scene.eye.buckle == Buckle(0.002)
     assert [liquid.density for liquid in scene.liquids] == [liquid.density for liquid in case.solved()[0].liquids]
     assert {liquid.dynamic_viscosity for liquid in scene.liquids} == {0.1}
