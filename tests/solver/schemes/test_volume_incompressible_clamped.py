@@ -1,4 +1,4 @@
-"""Volume-incompressible SPH with pressures p >= 0: free surfaces, and full cavities of a high density ratio."""
+"""Volume-incompressible SPH with pressures p >= 0: free surfaces."""
 import math
 
 import cavities
@@ -37,7 +37,7 @@ def test_a_free_surface_chooses_the_pressures(closed, expected):
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5, 0.01, 0.001])
 def test_pressure_below_a_free_surface_is_the_weight_above(ratio):
-    """Measured: 1 % at 1:2, 0.3 % at 1:100 and 1:1000; 0.6, 0.1 and 0.2 % at 40 spacings."""
+    """Measured: 1 % at 1:2, 0.3 % at 1:100, 0.4 % at 1:1000; 0.6, 0.1 and 0.2 % at 40 spacings."""
     solver = still_tank(SCHEME, HEIGHT, 20, ratio, support_ratio=3.0)
     cavities.run(solver, 4.0 * TIME)
     assert hydrostatic_error(solver, HEIGHT, ratio) < 0.025
