@@ -113,6 +113,9 @@ class InterfaceTension(Effect):
         self.density_difference = densities[1] - densities[0]
         # Phase of a liquid that is too light to bear the tension, -1 for none.
         self.light = int(densities[1] < densities[0]) if are_unlike(densities[:2]) else -1
+        if self.light >= 0:
+            capacity = solver.particles.capacity
+            self.stray_weight, self.borne = (ti.field(real(), shape=capacity) for _ in range(2))
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
         capacity = int(30.0 * solver.head_room * area / self.grid.cell ** (self.dimension - 1)) + 1000
         self.capacity = capacity
@@ -319,6 +322,8 @@ class InterfaceTension(Effect):
         self._sharpen()
         self._group_points()
         self._extend()
+        if self.light >= 0:
+            self._share_buoyancy()
 
     @ti.kernel
     def _color(self):
@@ -559,6 +564,9 @@ class InterfaceTension(Effect):
                     h = side
             # Gas, on the wrong side of the level set too, bears no force: it would be that on water, 1000 times what
             # the mass of gas bears. Where gas is the second liquid, that is a constant more of the pressure (I2).
+            if ti.static(self.light >= 0):
+                stray = self.particles.color[i] == self.light and h != self.light
+                self.stray_weight[i] = ti.select(stray, 1.0, 0.0)
             if ti.static(self.light == 1):
                 h = ti.max(h, self.particles.color[i]) - 1.0
             if ti.static(self.light == 0):
@@ -570,10 +578,35 @@ class InterfaceTension(Effect):
             self.particles.jump[i] = value + self.mean_jump[None]
             self.particles.jump_force[i] = slope + self.body_force[None]
 
+    @ti.kernel
+    def _share_buoyancy(self):
+        """Let the other liquid around gas that the level set cannot see bear its buoyancy (I12).
+
+        The force of tension leaves the liquid around without a gradient of pressure, which would lift such gas.
+        """
+        pairs = self.solver.search.pairs
+        for i in range(self.count[None]):
+            if self.stray_weight[i] > 0.0:
+                total = 0.0
+                for slot in range(pairs.count[i]):
+                    k = pairs.entry(i, slot)
+                    if self.particles.color[pairs.index[k]] != self.light:
+                        total += pairs.weight[k]
+                self.stray_weight[i] = ti.select(total > 0.0, 1.0 / ti.max(total, 1e-20), 0.0)
+        for i in range(self.count[None]):
+            borne = 0.0
+            if self.particles.color[i] != self.light:
+                for slot in range(pairs.count[i]):
+                    k = pairs.entry(i, slot)
+                    borne += pairs.weight[k] * self.stray_weight[pairs.index[k]]
+            self.borne[i] = borne
+
     @ti.func
     def body_acceleration(self, i):
-        return (-self.particles.jump_weight[i] * self.particles.volume[i] / self.particles.mass[i]
-                * self.particles.jump_force[i])
+        weight = self.particles.jump_weight[i]
+        if ti.static(self.light >= 0):
+            weight *= 1.0 + self.borne[i]
+        return -weight * self.particles.volume[i] / self.particles.mass[i] * self.particles.jump_force[i]
 
     @ti.func
     def potential(self, i):

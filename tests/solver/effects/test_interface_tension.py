@@ -103,6 +103,42 @@ def test_gas_over_water_rests_under_tension():
     assert speed[phase == 1].max() < 0.5 * wave
 
 
+@pytest.mark.parametrize("gas_is_first", [False, True])
+def test_single_particle_of_gas_rises_through_water(gas_is_first):
+    """Nine spacings to the gas above, in half a second at least: the water around it bears its buoyancy, all of it.
+
+    Too small for the level set, it would hang where it is: the liquid around it has no gradient of pressure.
+    """
+    size, gravity, spacing = (24.0 * SPACING, 20.0 * SPACING), 9.81, SPACING
+    place = np.array([0.5 * spacing, -6.5 * spacing])
+    water, gas = Liquid("water", 1000.0, 1e-3), Liquid("gas", 1.0, 2e-5)
+
+    def is_gas(x):
+        distance = np.linalg.norm(x - place, axis=1)
+        return (x[:, 1] > 3.0 * spacing) | (distance == distance.min())
+
+    solver = cavities.build(
+        cavities.cavity("box", size), phase=lambda x: is_gas(x) != gas_is_first,
+        liquids=(gas, water) if gas_is_first else (water, gas),
+        effects=(cavities.parameters("gravity", magnitude=gravity), cavities.parameters("viscosity_implicit"),
+                 cavities.parameters("interface_tension", coefficient=0.072, contact_angle=0.5 * np.pi)))
+    light = int(not gas_is_first)
+    position, phase, number = cavities.read(solver, "position", "phase", "id")
+    single = number[(phase == light) & (position[:, 1] < 0.0)]
+    assert len(single) == 1
+
+    solver.step()
+    (tension,) = (effect for effect in solver.effects if effect.name == "interface_tension")
+    borne = tension.borne.to_numpy()[: len(phase)]
+    volume, phase, number = cavities.read(solver, "volume", "phase", "id")
+    assert volume @ borne == pytest.approx(volume[number == single][0], rel=1e-12)
+    assert not borne[phase == light].any()
+
+    cavities.run(solver, 0.5)
+    position, number = cavities.read(solver, "position", "id")
+    assert position[number == single, 1] > 2.0 * spacing
+
+
 def test_pressure_in_a_bubble_of_gas_is_that_of_laplace():
     """Five spacings in radius in a circle of eleven, at rest without gravity, from rough start."""
     liquids = (Liquid("water", 1000.0, 0.1), Liquid("gas", 1.0, 2e-3))
