@@ -2,8 +2,8 @@
 
 In a completely full closed cavity a force field that is a gradient only shifts the pressure, so the weight of a
 reference density is taken out of the solve: a_i = (1 - rho_ref/rho_i) g. The solver then meets the small buoyancy
-instead of the large weight. Where the liquids have a free surface or a periodic axis, along which they may fall for
-ever, rho_ref is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out. Where
+instead of the large weight. Where the liquids have a free surface, or may fall for ever along a periodic axis, rho_ref
+is 0. The inertial forces of a turn (some 0.02 m/s^2 at one second a quarter turn) are left out. Where
 `eye_rotation` turns the eye in the head, posture and jolts are those of the head. Equations: docs/methods/gravity.md.
 """
 import dataclasses
@@ -199,9 +199,16 @@ class Gravity(Effect):
         densities = [liquid.density for liquid in solver.liquids]
         # In a full cavity any reference is exact; the lighter one keeps accelerations bounded at gas-like ratios.
         self.reference_density = min(densities) if are_unlike(densities) else densities[0]
-        if not solver.settings.closed or any(solver.settings.periods):
+        if not solver.settings.closed or self._may_fall(solver.settings.periods):
             self.reference_density = 0.0
         self.vector = ti.Vector.field(solver.dimension, real(), shape=())
+
+    def _may_fall(self, periods) -> bool:
+        """Whether anything may pull along a periodic axis, in which no wall holds the liquids."""
+        course = self.parameters.course
+        pulls = [course.first, *(jolt.acceleration for jolt in self.parameters.jolts)]
+        along = [axis for axis, period in enumerate(periods) if period]
+        return any(course.moves or any(pull[axis] for pull in pulls) for axis in along)
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
