@@ -143,8 +143,10 @@ def _fill(row: Row, line: dict[str, str], by: Made) -> None:
     row.value = _digits(_converted(value, unit, row.unit), row.value)
     if line["reference"]:
         row.expected = _digits(_converted(expected, unit, row.unit), row.expected)
-    # What is told as the error is relative to what is expected, or in the unit of the value.
-    relative = expected != 0.0 and math.isclose(error * abs(expected), abs(value - expected), rel_tol=1e-2)
+    # What is told as the error is relative to what is expected, or in the unit of the value: the nearer of the two, for
+    # the value has few digits.
+    away = abs(value - expected)
+    relative = expected != 0.0 and abs(error * abs(expected) - away) <= abs(error - away)
     row.error_unit = row.error_unit or ("%" if relative else row.unit) if line["error"] else ""
     row.error, row.allowed = (_digits(_converted(number, "" if relative else unit, row.error_unit))
                               for number in (error, allowed))

@@ -114,6 +114,16 @@ def test_new_cases_come_only_where_they_are_asked_for(project):
     assert (row.table, row.case, row.value, row.level) == ("flow", line["case"], "5.8", "fine")
 
 
+def test_a_small_error_relative_to_what_is_expected_is_told_in_percent(project):
+    """The six digits of value and expectation tell this one to 1.2 % only."""
+    line = {"case": "spin_down-central n=32", "quantity": "height", "value": "1.13371", "unit": "m",
+            "reference": "1.1335", "error": "0.000183137", "tolerance": "0.02", "holds": "true"}
+    folder = study_table(project, "validation", "fine", line)
+    assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
+    row = rows_of(project, "validation")[-1]
+    assert (row.error, row.allowed, row.error_unit) == ("0.01831", "2", "%")
+
+
 def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(project):
     lines = [{"case": f"spin_down-central R/dx={size}", "quantity": "decay rate", "value": value, "unit": "1/s",
               "reference": "5.783", "error": error, "tolerance": "0.05", "holds": holds}
