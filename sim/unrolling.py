@@ -1,8 +1,8 @@
 """Loops whose length is known only when they run are neither unrolled nor interleaved.
 
-LLVM makes eight copies of the body of every such loop, and of its vectorized form, on any processor that it knows. In
-kernels most loops are of this kind, and rows of 30 neighbors gain nothing by the copies: with them the 85 kernels of a
-tank in 2D took 27 s to compile and 9 s to load again, without them 14 and 3 s.
+LLVM makes eight copies of the body of every such loop, and of its vectorized form, on any processor that it knows (none
+on a younger one). In kernels most loops are of this kind, and rows of 30 neighbors gain nothing by the copies: with
+them the 85 kernels of a tank in 2D took 27 s to compile and 9 s to load again, without them 14 and 3 s.
 
 And it lets one turn of a vectorized loop take four vectors of eight numbers: of a row of 70 neighbors the last 6 go one
 by one, and of a row of 30 all. With one vector in a turn a product of implicit viscosity takes 0.8 times as long. And
