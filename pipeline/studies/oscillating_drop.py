@@ -27,7 +27,7 @@ EFFECTS = ("viscosity_implicit", "interface_tension")
 RADIUS, TENSION, DENSITY = 0.01, 0.04, 1000.0  # m, N/m, kg/m^3
 CAVITY = 2.5  # b / R
 AMPLITUDE = 0.05  # e
-MODE = 2
+MODE = 2  # lobes of the shape
 FIGURES = (
     Figure("oscillating_drop", "An oscillating drop, finest resolution", "time / period",
            "elongation / that of the start"),

@@ -114,8 +114,7 @@ class InterfaceTension(Effect):
         # Phase of a liquid that is too light to bear the tension, -1 for none.
         self.light = int(densities[1] < densities[0]) if are_unlike(densities[:2]) else -1
         if self.light >= 0:
-            capacity = solver.particles.capacity
-            self.stray_weight, self.borne = (ti.field(real(), shape=capacity) for _ in range(2))
+            self.stray_weight, self.borne = (ti.field(real(), shape=solver.particles.capacity) for _ in range(2))
         area = solver.cavity_volume ** ((self.dimension - 1) / self.dimension)
         capacity = int(30.0 * solver.head_room * area / self.grid.cell ** (self.dimension - 1)) + 1000
         self.capacity = capacity
