@@ -18,8 +18,8 @@ SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings
 COLOR_TO_DISTANCE = 0.62  # slope of the splatted color at a plane interface: phi = 0.62 * 2 dx (C - 1/2)
 GHOST_DEPTH = 2.6  # depth of the ghost nodes, in particle spacings
 SHALLOW = 2.0  # depth of those that nodes inside are next to, and images of ghosts lie between, in cells
-WALL_DEPTH = 1.0  # nodes less than this deep in the liquid have the normal of the wall, in cells: what the interface
-# turns by between wall and liquid is, in sums of central differences, reckoned from the mean normal within a cell
+WALL_DEPTH = 1.001  # nodes up to one cell deep have the normal of the wall: sums of central differences reckon what the
+# interface turns by from the mean normal within a cell of it; a little more, lest round-off decides on nodes just there
 REDISTANCING_PASSES = 16
 SMOOTHING_PASSES = 2  # more hurt acute wedges; redistancing afterwards hurts the curvature
 FAR = 4.0  # |phi| outside the band, in particle spacings

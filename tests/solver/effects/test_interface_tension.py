@@ -105,9 +105,10 @@ def test_gas_over_water_rests_under_tension():
 
 @pytest.mark.parametrize("gas_is_first", [False, True])
 def test_single_particle_of_gas_rises_through_water(gas_is_first):
-    """Nine spacings to the gas above, in half a second at least: the water around it bears its buoyancy, all of it.
+    """Six and a half spacings of the nine to the gas above, in 0.3 s: the water around it bears all of its buoyancy.
 
-    Too small for the level set, it would hang where it is: the liquid around it has no gradient of pressure.
+    Too small for the level set, it would hang where it is: the liquid around it has no gradient of pressure. Higher up
+    its path is that of the rolls that it has set going, and depends on round-off.
     """
     size, gravity, spacing = (24.0 * SPACING, 20.0 * SPACING), 9.81, SPACING
     place = np.array([0.5 * spacing, -6.5 * spacing])
@@ -134,9 +135,9 @@ def test_single_particle_of_gas_rises_through_water(gas_is_first):
     assert volume @ borne == pytest.approx(volume[number == single][0], rel=1e-12)
     assert not borne[phase == light].any()
 
-    cavities.run(solver, 0.5)
+    cavities.run(solver, 0.3)
     position, number = cavities.read(solver, "position", "id")
-    assert position[number == single, 1] > 2.0 * spacing
+    assert position[number == single, 1] > 0.0
 
 
 def test_pressure_in_a_bubble_of_gas_is_that_of_laplace():
@@ -401,3 +402,19 @@ def test_contact_angle_is_read_when_kernels_run():
     for name, values in expected.items():
         np.testing.assert_array_equal(wetting[name], values, err_msg=name)
     assert not np.array_equal(neutral["particles.velocity"], wetting["particles.velocity"])
+
+
+@pytest.mark.parametrize("contact_angle", [40.0, 120.0])
+def test_level_interface_turns_by_all_of_the_contact_angle_at_either_wall(contact_angle):
+    """Young: along a level interface the curvature adds up to cos(theta) at each wall, the pull of tension on it."""
+    solver = with_tension(cavities.cavity("box", (24.0 * SPACING, 20.0 * SPACING)), contact_angle,
+                          lambda x: x[:, 1] > 0.0)
+    solver.prepare_output()
+    (tension,) = (effect for effect in solver.effects if effect.name == "interface_tension")
+    tension._find_points()  # M as it is read off, before twicing
+    number = tension.point_count[None]
+    point, area, jump = (values.to_numpy()[:number]
+                         for values in (tension.point, tension.point_area, tension.point_jump))
+    for side in (point[:, 0] < 0.0, point[:, 0] > 0.0):
+        # Measured 0.964 and 0.988 of it; with the angle given at the nearest nodes only 0.89 and 0.95.
+        assert (area * jump / TENSION)[side].sum() == pytest.approx(np.cos(np.radians(contact_angle)), rel=0.04)
