@@ -127,7 +127,7 @@ FAULTS = (
     Fault("tension_wall_extension", "the level set is not extended behind the wall",
           "self.ghost_value[k] = q + (depth + image_depth) * slope",
           "self.ghost_value[k] = phi[self.ghost_node[k]] + 0.0 * (q + (depth + image_depth) * slope)",
-          "test_flat_interface_at_ninety_degrees_stays_flat"),
+          "test_level_set_slopes_at_the_wall_as_the_contact_angle_asks"),
     Fault("tension_wall_normal", "the contact angle is given at the nearest nodes to the wall only",
           "if self.grid.values[n] > -WALL_DEPTH * self.cell:",
           "if self.grid.values[n] > -0.5 * WALL_DEPTH * self.cell:",
