@@ -108,6 +108,10 @@ FAULTS = (
           "return 1.0 + self.walls.depth[b] / depth",
           "return 1.0 + 0.0 * depth",
           "test_two_layers_flow_along_a_channel"),
+    Fault("viscous_reach", "the weights of viscosity reach as far as the kernel",
+          "self.reach = isotropic_reach(self.dimension, support / solver.spacing) * support  # R, m",
+          "self.reach = support",
+          "test_lattice_of_the_eye_shears_like_liquid_in_three_dimensions"),
     # Tension
     Fault("tension_curvature_sign", "the curvature of the interface has the wrong sign",
           "self.curvature[n] = ti.min(ti.max(-divergence, -limit), limit)",

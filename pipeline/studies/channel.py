@@ -22,7 +22,7 @@ SHOWN_BY = ("viscosity_implicit",)  # effects of a scene in which its error is t
 HALF_WIDTH = 1.0  # m, H
 DENSITY = 1000.0  # kg/m^3
 THIN = 1.0  # Pa s, mu_2
-PERIOD = 12  # length of the channel in particle spacings
+PERIOD = 12  # length of the channel in particle spacings, in three dimensions its width too
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
 HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
@@ -39,10 +39,12 @@ class Parameters(PackedParameters):
 
     UNNAMED: ClassVar = ("times", "steps")
 
+    dimension: int = parameter(2, choices=(2, 3), meaning="a channel, or two plates")
     ratio: float = parameter(1.0, minimum=1.0, meaning="viscosity of the lower liquid over that of the upper one")
     viscosity: str = parameter("implicit", choices=("implicit", "explicit"), meaning="time integration of the forces")
     form: str = parameter("central", choices=("central", "laplacian", "strain"), meaning="form of the viscous forces")
-    start: str = parameter("packed", choices=("regular", "packed"), meaning="lattice, or packed from disorder")
+    start: str = parameter("packed", choices=("regular", "packed", "disordered"),
+                           meaning="lattice, packed from some disorder, or from so much that no lattice is left")
     times: float = parameter(4.0, exclusive_minimum=0.0, meaning="length of the run in rho H^2 / mu of the thin liquid")
     steps: int = parameter(40, minimum=4, meaning="smallest number of time steps in that time")
     tolerance: float = parameter(0.03, exclusive_minimum=0.0,
@@ -52,7 +54,8 @@ class Parameters(PackedParameters):
 def run(case: Parameters) -> Outcome:
     """Measure the error of the velocity at every resolution, in both layers and in each, and its order."""
     outcome, errors = Outcome(), []
-    name = f"1:{case.ratio:g} {case.form}" + (" explicit" if case.viscosity == "explicit" else "")
+    name = (f"1:{case.ratio:g} {case.form}" + (" explicit" if case.viscosity == "explicit" else "")
+            + (" 3D" if case.dimension == 3 else ""))
     for resolution in case.resolutions:
         result = _flow(case, resolution)
         finest = resolution == max(case.resolutions)
@@ -82,8 +85,9 @@ def exact_velocity(ratio: float, height: np.ndarray) -> np.ndarray:
 
 def _flow(case: Parameters, resolution: int) -> Run:
     spacing = HALF_WIDTH / resolution
-    arrays = cavity("box", (PERIOD * spacing, 2.0 * HALF_WIDTH), spacing, start=case.start,
-                    support_ratio=case.support_ratio, seed=case.seed, periodic=(0,))
+    size, periodic = (PERIOD * spacing, 2.0 * HALF_WIDTH, PERIOD * spacing), (0, 2)
+    arrays = cavity("box", size[: case.dimension], spacing, start=case.start, support_ratio=case.support_ratio,
+                    dimension=case.dimension, seed=case.seed, periodic=periodic[: case.dimension - 1])
     until = case.times * DENSITY * HALF_WIDTH**2 / THIN
     effects: dict[str, Any] = {"gravity": {"posture": "left_side", "magnitude": _acceleration(case, spacing, until)},
                "viscosity_implicit" if case.viscosity == "implicit" else "viscosity": {"form": case.form}}
@@ -126,14 +130,15 @@ def _layer_errors(result: Run, ratio: float) -> dict[str, float]:
     velocity, exact, lower = _velocities(result, ratio)
     if result.failure:
         velocity = np.full_like(velocity, np.nan)
-    error = velocity - np.stack([exact, 0.0 * exact], axis=1)
+    error = velocity.copy()
+    error[:, 0] -= exact
     chosen = {"both layers": np.full(len(exact), True), "viscous layer": lower, "thin layer": ~lower}
     return {layer: float(np.sqrt((error[part] ** 2).sum() / (exact[part] ** 2).sum()))
             for layer, part in chosen.items()}
 
 
 def _velocities(result: Run, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Velocities, (n, 2), and what they should be along the channel, (n,), m/s; and which belong to the lower layer."""
+    """Velocities, (n, D), and what they should be along the channel, (n,), m/s; and which belong to the lower layer."""
     solver = result.solver
     gravity = next(effect for effect in solver.effects if effect.name == "gravity")
     scale = DENSITY * gravity.parameters.magnitude * HALF_WIDTH**2 / THIN

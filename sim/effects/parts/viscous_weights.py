@@ -1,21 +1,40 @@
 """Weights of the pairs of implicit viscosity: more even than the gradient of a kernel, they need fewer iterations.
 
-c_ij = 2 mu_ij V_i V_j w_ij/sqrt(M_i M_j), w = (1 - r^2/h^2)^(3/2), with M_i the second moment of w over the particles
+c_ij = 2 mu_ij V_i V_j w_ij/sqrt(M_i M_j), w = (1 - r^2/R^2)^(3/2), with M_i the second moment of w over the particles
 around, sum of V_j w_ij r^2/d, as measured. Then c_ij v_ij and (d+2) c_ij (v_ij.x_ij) x_ij/r^2 are forces of the
-viscosity mu. Those of the second kind need fourth moments too, which are not alike in all directions among disordered
-particles: shear along the axes of packed boxes feels 0.99 mu in three dimensions (h 2.5 and 3 dx; 0.96 and 1.00 in
-two), on average over directions 1. With w = |W'|/r, which is steeper, it is 0.95 (0.9), and conjugate gradients take
-1.4 times the iterations. Equations: docs/methods/viscosity.md.
+viscosity mu. Those of the second kind need fourth moments too, which are not alike in all directions on a lattice, as
+particles are at the start: with R = h shear along its axes would feel 0.95 mu in three dimensions at h 2.5 dx. R is
+where it feels mu (`isotropic_reach`). With w = |W'|/r, which is steeper, conjugate gradients take 1.4 times the
+iterations. Equations: docs/methods/viscosity.md.
 """
+import itertools
 import math
 
+import numpy as np
 import taichi as ti
 
 from sim.launching import data_oriented
 from sim.runtime import real
 
-EVEN = {2: 2.0 * math.pi / 35.0, 3: math.pi**2 / 64.0}  # integral of w r^2/d over h^(d+2)
+EVEN = {2: 2.0 * math.pi / 35.0, 3: math.pi**2 / 64.0}  # integral of w r^2/d over R^(d+2)
 LEAST_MOMENT = 0.7  # of it, at a free surface, where half is missing
+LEAST_REACH = 0.9  # of the weights, in support radii: with a shorter one disorder costs more than the lattice does
+
+
+def lattice_excess(dimension: int, reach: float) -> float:
+    """Viscosity that shear along the axes of a cubic lattice feels over that asked for, less 1; reach in spacings."""
+    ticks = range(-math.ceil(reach), math.ceil(reach) + 1)
+    place = np.array([one for one in itertools.product(ticks, repeat=dimension) if any(one)], float)
+    square = (place**2).sum(axis=1)
+    weight = np.maximum(1.0 - square / reach**2, 0.0) ** 1.5
+    shear = weight @ (place[:, 0] ** 2 * place[:, 1] ** 2 / square)
+    return float(dimension * (dimension + 2) * shear / (weight @ square) - 1.0)
+
+
+def isotropic_reach(dimension: int, support_ratio: float) -> float:
+    """Reach R of the weights over the support radius, at which a cubic lattice is most alike in all directions."""
+    reaches = np.linspace(LEAST_REACH, 1.0, 101)
+    return float(min(reversed(reaches), key=lambda one: abs(lattice_excess(dimension, one * support_ratio))))
 
 
 @ti.func
@@ -31,7 +50,9 @@ class ViscousWeights:
     def __init__(self, solver, particles):
         self.count, self.dimension, self.particles = solver.count, solver.dimension, particles
         self.pairs, self.wall_pairs, self.walls = solver.pairs, solver.wall_pairs, solver.walls
-        self.position, self.search, self.reach = solver.position, solver.search, solver.kernel.support_radius
+        self.position, self.search = solver.position, solver.search
+        support = solver.kernel.support_radius
+        self.reach = isotropic_reach(self.dimension, support / solver.spacing) * support  # R, m
         self.scaled_volume = ti.field(real(), shape=solver.particles.capacity)  # V_i/sqrt(M_i), m^(d/2 - 1)
         self.least_moment = LEAST_MOMENT * EVEN[self.dimension] * self.reach ** (self.dimension + 2)
 
