@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from sim.unrolling import addresses
 
 ROOT = Path(__file__).parents[2]
