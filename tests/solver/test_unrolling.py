@@ -17,6 +17,9 @@ from sim import unrolling
 if sys.argv[1] == "rolled":
     assert unrolling.leave_loops_rolled()
     assert unrolling.leave_loops_rolled()  # a second call asks nothing of LLVM
+if sys.argv[1] == "unrolled":
+    unrolling.OPTIONS = (b"-unroll-count=16",)
+    assert unrolling.leave_loops_rolled()
 ti.init(ti.cpu, default_fp=ti.f64, cpu_max_num_threads=1, offline_cache=True, log_level=ti.ERROR)
 rows, values, sums = ti.field(ti.i32, 100), ti.field(ti.f64, 4000), ti.field(ti.f64, 100)
 @ti.kernel
@@ -49,11 +52,14 @@ def compiled(folder: Path, how: str) -> tuple[np.ndarray, int]:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
 def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_path):
     rolled, small = compiled(tmp_path / "rolled", "rolled")
+    as_it_is, usual = compiled(tmp_path / "as it is", "as it is")
     unrolled, large = compiled(tmp_path / "unrolled", "unrolled")
-    np.testing.assert_allclose(rolled, unrolled, rtol=1e-13)  # of up to 36 numbers, in any order
+    for sums in (as_it_is, unrolled):
+        np.testing.assert_allclose(rolled, sums, rtol=1e-13)  # of up to 36 numbers, in any order
     assert np.count_nonzero(rolled) > 90
-    # 0.4 to 0.9 was measured: how many copies of a loop LLVM makes depends on what it knows of the processor.
-    assert small < large
+    # On some processors LLVM makes copies by itself, on others vectors only. Told to, it makes them on any: 0.4 is measured.
+    assert small < usual
+    assert small < 0.6 * large
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
