@@ -57,7 +57,7 @@ def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_p
     for sums in (as_it_is, unrolled):
         np.testing.assert_allclose(rolled, sums, rtol=1e-13)  # of up to 36 numbers, in any order
     assert np.count_nonzero(rolled) > 90
-    # On some processors LLVM makes copies by itself, on others vectors only. Told to, it makes them on any: 0.4 is measured.
+    # On some processors LLVM makes copies by itself, on others vectors only; told to, on any. 0.4 was measured.
     assert small < usual
     assert small < 0.6 * large
 
