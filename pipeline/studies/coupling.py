@@ -4,7 +4,8 @@ The paper reads retained mechanical energy as accuracy. Energy that viscosity ta
 shown with the work of the viscous forces added: what is then missing is the dissipation of the method itself (all of
 it, where a scene has no viscosity). The viscous power of a frame is the sum over pairs of
 2(d+2) mu_ij V_i V_j |W'|/r (v_ij.x_ij)^2/r^2, that of the solver's forces; it is integrated over the frames. An
-artifact of the interface is a particle whose neighbors are of the other liquid (metric `isolated_particles`).
+artifact of the interface is a particle whose neighbors are of the other liquid (metric `isolated_particles`) and at
+least half as many as within a liquid: what flies has fewer, and is told beside it.
 """
 import dataclasses
 import math
@@ -17,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.tables import read_table
+from pipeline.metrics import isolated
 from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.scenes.load import load_resolved
@@ -31,7 +33,7 @@ FIGURES = (
            "reference frame"),
     Figure("coupling_balance", "Mechanical energy plus what viscosity has taken", "frame",
            "(energy above rest + viscous work) / start"),
-    Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles"),
+    Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles, without spray"),
 )
 PICTURES = ("coupling_pictures",)
 READS = ("frames", "surfaces")
@@ -39,6 +41,7 @@ WIDTH = 480          # of a picture, in pixels of the large canvas
 OURS = "volume_incompressible"
 NAMES = {OURS: "Volume-incompressible method", "dfsph": "DFSPH", "wcsph": "WCSPH"}
 SIMILAR = 0.25  # relative difference of computing times that counts as about the same
+AT_SURFACE = 0.5  # share of the neighbors within a liquid that a particle at a plane free surface has
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Method:
     energy: np.ndarray
     viscous: np.ndarray
     isolated: np.ndarray
+    flying: np.ndarray
     warm: np.ndarray
 
     @property
@@ -106,10 +110,19 @@ def _load(folder: Path) -> Method:
     time = table["time [s]"]
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
     energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
-    isolated = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
+    alone = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
+    amid = np.array([np.mean(amid_another(scene, read_frame(path))) for path in paths])
     return Method(scene.numerics.scheme, scene, paths, table["frame"], seconds_of(costs, "cpu_seconds"),
                   seconds_of(costs, "wall_seconds"), energy, viscous,
-                  isolated / len(read_frame(paths[0]).position), warm)
+                  amid, alone / len(read_frame(paths[0]).position) - amid, warm)
+
+
+def amid_another(scene: Scene, frame: FrameData) -> np.ndarray:
+    """Mask (n,) of the isolated particles with at least half of the neighbors that a particle within a liquid has."""
+    ratio = scene.numerics.support_ratio
+    within = {2: math.pi * ratio**2, 3: 4.0 / 3.0 * math.pi * ratio**3}[frame.dimension]
+    return isolated(frame.position, frame.phase, len(frame.liquids), ratio * frame.particle_spacing,
+                    AT_SURFACE * within)
 
 
 def energy_at_rest(scene: Scene, frame: FrameData) -> float:
@@ -168,6 +181,7 @@ def _rows(method: Method, reference: int) -> list[Row]:
                 max(0.0, float(np.diff(method.energy).max()) / start), 0.01, **at),
         Row("isolated particles / particles, mean", float(method.isolated.mean()), **at),
         Row("isolated particles / particles, largest", float(method.isolated.max()), **at),
+        Row("isolated particles that fly / particles, mean", float(method.flying.mean()), **at),
     ]
 
 

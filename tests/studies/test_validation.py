@@ -7,6 +7,7 @@ import pytest
 import pyvista
 from scipy.spatial import cKDTree
 
+from pipeline.metrics import isolated
 from pipeline.studies import (
     capillary_wave,
     channel,
@@ -158,13 +159,24 @@ def test_claims_of_the_paper_are_judged_by_the_numbers():
     def method(name, seconds, kept, isolated):
         frame = np.arange(4.0)
         return coupling.Method(name, None, [], frame, np.full(4, seconds), frame, np.array([2.0, 1.0, 1.0, kept]),
-                               0.0 * frame, np.full(4, isolated), frame > 0.0)
+                               0.0 * frame, np.full(4, isolated), 0.0 * frame, frame > 0.0)
     good = [method("volume_incompressible", 1.0, 0.9, 0.0), method("dfsph", 1.1, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]
     assert [row.holds for row, _ in coupling._claims(good, 1)] == [True] * 4
     bad = [method("volume_incompressible", 2.0, 0.7, 0.2), method("dfsph", 1.0, 0.8, 0.1), method("wcsph", 2, 0.7, 0)]
     judged = coupling._claims(bad, 1)
     assert [row.holds for row, _ in judged] == [False] * 4
     assert all("NOT held here" in sentence for _, sentence in judged)
+
+
+def test_a_particle_amid_another_liquid_is_an_artifact_and_one_that_flies_is_none():
+    scene, frame = lattice(shear=0.0)
+    lone = 20 * 40 + 20
+    phase = np.zeros(1600, int)
+    phase[lone] = 1
+    spray = np.array([[3.0, 0.0], [3.0 + frame.particle_spacing, 0.0]])  # each has one neighbor, of the other liquid
+    frame.position, frame.phase, frame.liquids = np.vstack([frame.position, spray]), np.append(phase, [1, 0]), "ab"
+    assert isolated(frame.position, frame.phase, 2, 0.1).sum() == 3
+    assert np.flatnonzero(coupling.amid_another(scene, frame)).tolist() == [lone]
 
 
 # Short runs
