@@ -23,6 +23,7 @@ from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, place_metrics, rotation_metrics
 from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import MIXED, Measured
+from pipeline.measures.isolation import isolated
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
 from pipeline.measures.place_course import courses_of
 from pipeline.measures.places import Places, places_of
@@ -38,7 +39,6 @@ from sim.effects import REGISTRY
 
 # A particle that an injection has filled to less than this share is still growing out of its neighbor.
 FULL_PARTICLE = 0.5
-ISOLATED = 0.9      # share of the neighbors in another liquid, above which a particle is alone there
 
 METRICS: list[Metric] = []
 metric = registrar(METRICS)
@@ -190,20 +190,6 @@ def smallest_spacing(state):
 def isolated_particles(state):
     alone = isolated(state.frame.position, state.frame.phase, len(state.frame.liquids), state.support_radius)
     return {liquid: np.count_nonzero(alone & (state.frame.phase == k)) for k, liquid in enumerate(state.frame.liquids)}
-
-
-def isolated(position: np.ndarray, phase: np.ndarray, liquids: int, support_radius: float, least_neighbors: float = 1.0
-             ) -> np.ndarray:
-    """Mask (n,) of the particles that are surrounded by one other liquid; particles (n, D) m, phases (n,).
-
-    Those with fewer than ``least_neighbors`` do not count.
-    """
-    pairs = cKDTree(position).query_pairs(support_radius, output_type="ndarray")
-    flat = np.concatenate([pairs[:, 0] * liquids + phase[pairs[:, 1]], pairs[:, 1] * liquids + phase[pairs[:, 0]]])
-    neighbors = np.bincount(flat, minlength=len(position) * liquids).reshape(len(position), liquids)
-    total = neighbors.sum(axis=1)
-    neighbors[np.arange(len(position)), phase] = 0
-    return (total >= least_neighbors) & (neighbors.max(axis=1, initial=0) > ISOLATED * total)
 
 
 METRICS += mixing_metrics.METRICS

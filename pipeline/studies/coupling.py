@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.tables import read_table
-from pipeline.metrics import isolated
+from pipeline.measures.isolation import isolated
 from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.scenes.load import load_resolved

@@ -18,7 +18,7 @@ from pipeline.base.frame_files import find_frames, frame_path, read_frame, write
 from pipeline.base.tables import read_table
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.container import block_lattice, container_arrays
-from pipeline.metrics import isolated
+from pipeline.measures.isolation import isolated
 from pipeline.reconstruct import write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.simulation import solver_setup

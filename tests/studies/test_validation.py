@@ -7,7 +7,7 @@ import pytest
 import pyvista
 from scipy.spatial import cKDTree
 
-from pipeline.metrics import isolated
+from pipeline.measures.isolation import isolated
 from pipeline.studies import (
     capillary_wave,
     channel,
