@@ -4,6 +4,9 @@ The pressure is the weight of what lies above: p = rho_2 g (H - y) in the light 
 A closed cavity knows it up to a constant, which is taken from its mean; under a free surface it is known. With the
 ratio the pressure solve becomes harder: the iterations per step may not exceed three times those of the ratio
 1:1 by much, which the rows of the same resolution show.
+
+The weight acts at the labels of the particles or, in a closed cavity, at the level set of `interface_tension`, which
+has no tension here.
 """
 import dataclasses
 from typing import Any
@@ -15,7 +18,7 @@ from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavit
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit")
+EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 SHOWN_BY = ("gravity",)  # effects of a scene in which its error is to be expected
 GRAVITY = 9.81
 HEIGHT = 0.02  # m, the size of an eye
@@ -38,6 +41,7 @@ class Parameters(PackedParameters):
     viscosity: float = parameter(1e-3, unit="Pa*s", minimum=0.0, meaning="viscosity of the light liquid")
     start: str = parameter("regular", choices=("regular", "packed"),
                            meaning="a lattice, which a circle packs, or packed from disorder")
+    interface: str = parameter("labels", choices=("labels", "level_set"), meaning="what tells the weights apart")
     rest_times: float = parameter(10.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
     pressure_tolerance: float = parameter(0.02, exclusive_minimum=0.0, meaning="allowed error over rho g H")
     speed_tolerance: float = parameter(1e-3, exclusive_minimum=0.0, meaning="allowed speed over sqrt(g H)")
@@ -46,7 +50,7 @@ class Parameters(PackedParameters):
 def run(case: Parameters) -> Outcome:
     """Measure pressure error, speed and iterations at every resolution, and the observed order."""
     outcome, errors = Outcome(), []
-    name = f"{case.scheme} {case.cavity} 1:{case.density_ratio:g}"
+    name = f"{case.scheme} {case.cavity} 1:{case.density_ratio:g} {case.interface}"
     for index, resolution in enumerate(case.resolutions):
         result = _settle(case, resolution, f"n={resolution}")
         error, speed = _pressure_error(case, result), result.values("speed")[-1] / np.sqrt(GRAVITY * HEIGHT)
@@ -74,9 +78,12 @@ def _settle(case: Parameters, resolution: int, label: str) -> Run:
                     support_ratio=case.support_ratio, seed=case.seed)
     liquids = (Liquid("heavy", HEAVY, 1e-3), Liquid("light", HEAVY * case.density_ratio, case.viscosity))
     level = _interface(case)
+    effects: dict[str, Any] = {"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {}}
+    if case.interface == "level_set":
+        effects["interface_tension"] = {"coefficient": 0.0}
     solver = build(case, arrays, liquids=liquids, phase=lambda x: x[:, 1] > level,
                    filled=(lambda x: x[:, 1] < level + 0.5 * HEIGHT) if case.cavity == "open_box" else None,
-                   effects={"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {}},
+                   effects=effects,
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, case.rest_times * np.sqrt(HEIGHT / GRAVITY), label, motion)
 

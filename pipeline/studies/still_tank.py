@@ -4,8 +4,9 @@ Noise of the particles may neither heat the liquid nor carry its center of mass 
 also has to keep its volume (position-based fluids as published settle to 80 %): its height is twice the mean
 height of its particles.
 
-Two layers with any tension are in balance to round-off, because `interface_tension` leaves nothing to the pressure that
-depends on the places of the particles. Without, the kink of the pressure at the interface does.
+Two layers whose weights the level set of `interface_tension` tells apart are in balance to round-off, with a tension
+or without, because it leaves nothing to the pressure that depends on the places of the particles. Where the labels of
+the particles tell them apart the kink of the pressure at the interface does.
 """
 import dataclasses
 from typing import Any
@@ -35,6 +36,8 @@ class Parameters(TankParameters):
     viscosity: float = parameter(0.0, unit="Pa*s", minimum=0.0, meaning="viscosity of both liquids")
     tension: float = parameter(0.0, unit="N/m", minimum=0.0, meaning="tension of the interface, at 90 degrees to the "
                                                                      "walls")
+    interface: str = parameter("labels", choices=("labels", "level_set"),
+                               meaning="what tells the weights apart without a tension")
     rest_times: float = parameter(20.0, exclusive_minimum=0.0, meaning="length of the run in sqrt(H/g)")
     start: str = parameter("regular", choices=("regular", "packed"), meaning="lattice, or packed from disorder")
     speed_tolerance: float = parameter(1e-3, exclusive_minimum=0.0, meaning="allowed speed over sqrt(g H)")
@@ -44,7 +47,7 @@ def run(case: Parameters) -> Outcome:
     """Measure the largest speed of the second half, the energy and the drift, at every resolution."""
     outcome, speeds = Outcome(), []
     name = (f"{case.scheme} 1:{case.density_ratio:g} {case.viscosity:g} Pa s {case.tension:g} N/m {case.cavity} "
-            f"{case.start}")
+            f"{case.start} {case.interface}")
     for resolution in case.resolutions:
         result = _rest(case, resolution)
         late = result.values("time") > 0.5 * result.until if not result.failure else slice(None)
@@ -89,7 +92,7 @@ def _rest(case: Parameters, resolution: int) -> Run:
     effects = {"gravity": {"magnitude": GRAVITY}}
     if case.viscosity:
         effects["viscosity_implicit"] = {}
-    if case.tension:
+    if case.tension or case.interface == "level_set":
         effects["interface_tension"] = {"coefficient": case.tension}
     solver = build(case, arrays, liquids=liquids if layers else liquids[:1], effects=effects,
                    phase=lambda x: (x[:, 1] > level) & layers,

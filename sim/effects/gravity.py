@@ -72,6 +72,11 @@ class GravityParameters:
                                     meaning="time of turns and orientation that passes in a simulated second")
     jolts: tuple[Jolt, ...] = parameter((), meaning="jolts of the head")
 
+    @property
+    def weighs_liquids(self) -> bool:
+        """Whether liquids ever have a weight."""
+        return self.magnitude > 0.0 or bool(self.jolts)
+
     @functools.cached_property
     def course(self) -> Course:
         """Directions of gravity over simulated time."""
@@ -212,7 +217,7 @@ class Gravity(Effect):
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
-        return "" if parameters.magnitude or parameters.jolts else "its magnitude is 0 m/s2, and there are no jolts"
+        return "" if parameters.weighs_liquids else "its magnitude is 0 m/s2, and there are no jolts"
 
     @classmethod
     def weight_of(cls, parameters) -> float:

@@ -12,6 +12,9 @@ change their color, and as M, extended, is still M_P there. So the points of the
 in, are moved out; and they carry 2 M less the mean of M around them, since the mean that extends M flattens it
 (twicing [tukey1977]).
 
+Without a tension M is -b.x: the weight then acts at the interface, where the labels of particles alone would let layers
+stir.
+
 Where the liquids mix, sigma falls with the square of the contrast of the interface: the difference between the highest
 and the lowest fraction within a support radius of it, 1 at a sharp one. H is then c at the interface alone, and the
 level set's side elsewhere: a mixture off the interface keeps its buoyancy c b.
@@ -19,7 +22,6 @@ Equations: docs/methods/interface_tension.md.
 """
 import dataclasses
 import math
-from typing import ClassVar
 
 import numpy as np
 import taichi as ti
@@ -58,11 +60,16 @@ SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point o
 class InterfaceTensionParameters:
     """Tension of the interface between the first liquid and every other, from a grid level set."""
 
-    pulls_contact_line: ClassVar[bool] = True  # walls hold liquid less next to it, as docs/methods/viscosity.md says
-
-    coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0, meaning="interface tension")
+    coefficient: float = parameter(unit="N/m", minimum=0.0, maximum=1.0,
+                                   meaning="interface tension; with 0 layers of unequal weight come to rest all the "
+                                           "same")
     contact_angle: float = parameter(0.5 * math.pi, unit="rad", minimum=0.0, maximum=math.pi,
                                      meaning="contact angle at the wall, measured through the first liquid")
+
+    @property
+    def pulls_contact_line(self) -> bool:
+        """Whether walls hold liquid less next to the contact line, as docs/methods/viscosity.md says."""
+        return self.coefficient > 0.0
 
 
 def capillary_limit(coefficient: float, settings) -> float:
@@ -144,7 +151,13 @@ class InterfaceTension(Effect):
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
-        return "" if parameters.coefficient else "its coefficient is 0 N/m"
+        if parameters.coefficient:
+            return ""
+        if not any(getattr(effect, "weighs_liquids", False) for effect in settings.effects):
+            return "its coefficient is 0 N/m, and nothing weighs on layers"
+        if len({liquid.density for liquid in settings.liquids[:2]}) < 2:
+            return "its coefficient is 0 N/m, and the liquids weigh the same"
+        return ""
 
     @classmethod
     def tension_of(cls, parameters) -> float:
@@ -156,7 +169,7 @@ class InterfaceTension(Effect):
 
     @classmethod
     def pulls(cls, parameters) -> bool:
-        return True
+        return parameters.pulls_contact_line
 
     @classmethod
     def reals_per_node(cls, dimension: int) -> int:
@@ -167,9 +180,12 @@ class InterfaceTension(Effect):
         if parameters is None:
             yield from cls._advice_on_its_lack(scales)
             return
-        yield from if_zero(cls.name, parameters, "coefficient", "N/m")
         yield from if_alone(cls.name, scales)
         if not scales.tension:
+            if scales.gravity * scales.density_difference > 0.0:
+                yield Advice(NOTE, cls.name, "has no tension, but lets layers of unequal weight rest")
+            else:
+                yield from if_zero(cls.name, parameters, "coefficient", "N/m")
             return
         rounding = scales.tension / (scales.density * scales.length**2)
         reach = scales.reach(rounding, scales.capillary_speed(scales.tension))
@@ -236,7 +252,7 @@ class InterfaceTension(Effect):
             yield Advice(NOTE, cls.name,
                          f"is rightly left out: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
                          f"Bo = {bond:.3g} (it rounds the liquid below {ROUND_BOND:g}), and it moves the interface by "
-                         f"{times(reach, scales)}" + ("; where layers of unequal weight have to rest, 1e-6 N/m let them"
+                         f"{times(reach, scales)}" + ("; with 0 N/m it lets layers of unequal weight rest"
                                                       if layers else ""))
 
     @classmethod

@@ -282,13 +282,14 @@ def test_warnings_of_the_shipped_scenes(name, warned):
     assert sorted(one.effect for one in report.advice if one.level == WARNING) == warned
 
 
-def test_layers_are_told_the_tension_that_lets_them_rest(advised):
+def test_layers_are_told_what_lets_them_rest(advised):
     layers = f"effects: {{{GRAVITY}, viscosity: {{}}}}"
-    assert "1e-6 N/m" in dict(advised(layers, level=NOTE))["interface_tension"]
-    assert "1e-6 N/m" not in dict(advised(EQUAL + layers, level=NOTE)).get("interface_tension", "")
-    with_it = f"effects: {{{GRAVITY}, viscosity: {{}}, interface_tension: {{coefficient: 1e-6 N/m}}}}"
-    assert not advised(with_it)
-    assert "lets layers of unequal weight rest" in dict(advised(with_it, level=NOTE))["interface_tension"]
+    assert "with 0 N/m it lets layers" in dict(advised(layers, level=NOTE))["interface_tension"]
+    assert "0 N/m" not in dict(advised(EQUAL + layers, level=NOTE)).get("interface_tension", "")
+    for coefficient in ("0 N/m", "1e-6 N/m"):
+        with_it = f"effects: {{{GRAVITY}, viscosity: {{}}, interface_tension: {{coefficient: {coefficient}}}}}"
+        assert not advised(with_it)
+        assert "lets layers of unequal weight rest" in dict(advised(with_it, level=NOTE))["interface_tension"]
 
 
 def test_oil_without_viscosity_is_warned_of_with_its_ohnesorge_number(advised):

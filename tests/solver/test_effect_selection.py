@@ -59,6 +59,14 @@ def test_effect_that_acts_later_stays(name, values):
     assert kept(settings_of(name, values))[0]
 
 
+@pytest.mark.parametrize(("densities", "stays"), [((1000.0, 970.0), True), ((1000.0, 1000.0), False)])
+def test_interface_without_tension_stays_where_layers_have_unequal_weight(densities, stays):
+    liquids = tuple(Liquid(f"liquid_{n}", density, 1e-3) for n, density in enumerate(densities))
+    effects = (cavities.parameters("gravity"), cavities.parameters("interface_tension", coefficient=0.0))
+    left, notes = without_idle(Settings(2, liquids, NUMERICS, effects))
+    assert (len(left.effects) == 2) == stays and ("weigh the same" in "".join(notes)) != stays
+
+
 @pytest.mark.parametrize("name", ["drift", "diffusion", "contact_line_emulsification"])
 def test_liquids_that_an_earlier_scene_has_mixed_stay_mixed(name):
     """Without the effect their fractions would be forgotten."""
@@ -103,7 +111,7 @@ SCENE = """
 title: Thin liquids
 dimension: 2
 container: {size: [20 mm, 20 mm]}
-liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 2 mPa s}}
+liquids: {aqueous: {density: 970 kg/m3}, silicone_oil_1000: {density: 970 kg/m3, dynamic_viscosity: 2 mPa s}}
 blocks:
   - {liquid: aqueous, lower: [0, 0], upper: [20 mm, 10 mm]}
   - {liquid: silicone_oil_1000, lower: [0, 10 mm], upper: [20 mm, 20 mm]}
