@@ -74,15 +74,17 @@ def cavity(kind: str, size: ArrayLike, spacing: float, *, start: str = "regular"
     periodic : axes along which a box has no walls but repeats itself.
     """
     arrays = shape_arrays(kind, size, spacing, dimension=dimension, periodic=periodic)
-    if kind == "box" and start == "regular":
-        return arrays
-    position = arrays["fluid_position"]
+    return arrays if kind == "box" and start == "regular" else packed(arrays, start, support_ratio, seed)
+
+
+def packed(arrays: dict[str, np.ndarray], start: str, support_ratio: float, seed: int) -> dict[str, np.ndarray]:
+    """Return the arrays of a cavity with their particles packed, from the disorder of a start of :func:`cavity`."""
+    position, spacing = arrays["fluid_position"], float(arrays["particle_spacing"])
     if start in JITTER:
         position = position + JITTER[start] * spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, position.shape)
-    arrays["fluid_position"], _ = pack(position, arrays["fluid_volume"], arrays["wall_position"],
-                                       arrays["wall_volume"], spacing, support_ratio, PACKING_STEPS,
-                                       tuple(arrays.get("periods", ())))
-    return arrays
+    position, _ = pack(position, arrays["fluid_volume"], arrays["wall_position"], arrays["wall_volume"], spacing,
+                       support_ratio, PACKING_STEPS, tuple(arrays.get("periods", ())))
+    return arrays | {"fluid_position": position}
 
 
 def build(case: TankParameters, arrays: dict[str, np.ndarray], *, liquids: Sequence[Liquid],
