@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.measures.isolation import isolated
 from pipeline.studies import (
+    capillary_rise,
     capillary_wave,
     channel,
     contact_line,
@@ -421,3 +422,21 @@ def test_a_drop_decays_by_the_layers_at_its_interface_and_by_the_flow_in_it(monk
     shared = 4.0 * density_ratio / (1.0 + density_ratio) ** 2
     layers = math.sqrt(math.pi / period * viscosity) / radius * shared
     assert decay == pytest.approx(layers + 4.0 * viscosity / radius**2, rel=0.03)
+
+
+@pytest.mark.parametrize("angle", [30.0, 60.0, 120.0])
+def test_rise_between_plates_carries_the_pull_at_the_walls(angle):
+    """The weight of what is lifted in each gap is that of a level box of the same difference of heights."""
+    case = capillary_rise.Parameters(contact_angle=angle)
+    weight = (capillary_rise.HEAVY - capillary_rise.LIGHT) * capillary_rise.GRAVITY
+    pressures = [2.0 * case.tension * np.cos(np.radians(angle)) / gap
+                 for gap in (capillary_rise.INSIDE, capillary_rise.OUTSIDE)]
+    assert capillary_rise.exact_rise(case) * weight == pytest.approx(pressures[0] - pressures[1])
+
+
+@pytest.mark.usefixtures("anew")
+def test_tension_lifts_a_liquid_between_plates_by_its_weight():
+    """The study asks for 5 % at 10 spacings and more between the plates."""
+    outcome = capillary_rise.run(capillary_rise.Parameters(resolutions=(8,), duration=2.5))
+    assert values(outcome, "rise between the plates")[0] == pytest.approx(
+        1e3 * capillary_rise.exact_rise(capillary_rise.Parameters()), rel=0.1)
