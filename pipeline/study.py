@@ -7,6 +7,7 @@
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
@@ -15,7 +16,7 @@ from pipeline.base.files import replacing_folder
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.study_kit.model import Outcome
-from pipeline.study_kit.plan import Case, load_study, study_names
+from pipeline.study_kit.plan import Case, Study, load_study, study_names
 from pipeline.study_kit.report import OUTPUTS, write_study
 
 
@@ -77,6 +78,7 @@ def main() -> None:
         return
     folder = OUTPUTS / study.name / study.accuracy
     cases = [study.case(arguments.case)] if arguments.case else list(study.cases.values())
+    _refuse_missing(study, cases)
     devices = [checked_device(arguments.device, "--device", precision_of(case)) for case in cases]
     if arguments.case:
         _run_into(cases[0], arguments.output or folder / "cases" / arguments.case, threads, devices[0])
@@ -85,6 +87,16 @@ def main() -> None:
     for case, device in zip(cases, devices, strict=True):
         _run_into(case, folder / "cases" / case.name, threads, device)
     write_study(study, [Outcome.read(folder / "cases" / name) for name in study.cases], folder)
+
+
+def _refuse_missing(study: Study, cases: Sequence[Case]) -> None:
+    """Stop before a case that reads what is not there yet: its failure would pass for a result."""
+    for case in cases:
+        read = [folder / name for folder in case.folders().values() for name in ("metrics.csv", *case.reads)]
+        missing = [path for path in (*map(Path, case.files()), *read) if not path.exists()]
+        if missing:
+            raise UserError(f"{case.name} reads {missing[0]}, which is not there yet; "
+                            f"`snakemake -j2 {study.name} --config accuracy={study.accuracy}` makes it first")
 
 
 def _run_into(case: Case, folder: Path, threads: int, device: str) -> None:

@@ -51,3 +51,12 @@ def test_study_lists_its_cases():
     assert result.returncode == 0, result.stderr
     assert result.stdout.split()[-5:] == ["position_based", "shear_wave-0.1-coefficient", "shear_wave-0.5-coefficient",
                                           "shear_wave-0.1-own", "shear_wave-0.1-none"]
+
+
+def test_study_refuses_scenes_that_were_not_run(project):
+    """A table of failures would pass for the study's result."""
+    result = forked.run("pipeline.study", "pbf_study", folder=project.folder)
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: position_based reads outputs/")
+    assert "snakemake -j2 pbf_study" in result.stderr
+    assert not list(project.folder.glob("outputs/studies/*"))
