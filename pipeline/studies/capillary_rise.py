@@ -77,7 +77,7 @@ def exact_rise(case: Parameters) -> float:
 def rise_of(solver) -> dict[str, float]:
     """Mean height of the heavy liquid between the plates less that beside them, m, from the volumes of its particles.
 
-    It is counted from half way up the lower half of the plates, which it never leaves.
+    It is counted from a quarter of the height of the box on: all below stays heavy.
     """
     x, volume = field(solver, "position"), field(solver, "volume")
     heavy = (field(solver, "phase") == 0) & (x[:, 1] > 0.25 * WIDTH)
