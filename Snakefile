@@ -34,7 +34,13 @@ report: "docs/report/workflow.rst"
 
 shell.prefix(PREFIX)
 
-flow = Workflow(config, elsewhere=workflow.resource_settings.max_threads is not None)
+
+def rested(scene, level, segment):
+    """Return the file that says whether a scene is at rest after a segment: what follows is planned when it is there."""
+    return checkpoints.rest.get(scene=scene, level=level, segment=segment).output[0]
+
+
+flow = Workflow(config, workflow.resource_settings.max_threads is not None, rested)
 interrupt = Interrupt(logger)
 SCENE = ancient("outputs/{scene}/{level}/scene.json")
 FRAMES = "outputs/{scene}/{level}/frames/segment_{segment}"

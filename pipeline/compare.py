@@ -23,6 +23,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.tables import TIME, read_table
 from pipeline.pictures.picture_grid import as_png
+from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs, seconds_of
@@ -97,9 +98,10 @@ def read_run(folder: Path) -> Run:
     UserError : it has not been run, or a file is damaged.
     """
     scene = scene_of_run(folder)
-    pictures = {int(path.stem.rpartition("_")[2]): path for name in scene.segment_names
+    segments = segments_made(scene, folder)
+    pictures = {int(path.stem.rpartition("_")[2]): path for name in segments
                 for path in folder.glob(f"images/segment_{name}/frame_*.png")}
-    costs = [folder / "costs" / f"segment_{name}.json" for name in scene.segment_names]
+    costs = [folder / "costs" / f"segment_{name}.json" for name in segments]
     return Run(folder, scene, read_table(folder / "metrics.csv"), pictures,
                [read_costs(path) for path in costs if path.exists()])
 

@@ -13,11 +13,12 @@ import numpy as np
 from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import size_of, write_text
-from pipeline.base.tables import read_table
+from pipeline.base.tables import TIME, read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.base.words import duration, memory
 from pipeline.forecast.estimate_files import read_level
 from pipeline.scenes.effects import SOLVES
+from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import load_resolved
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
@@ -58,14 +59,15 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> float:
     return float(np.average(values[known], weights=weights[known])) if known.any() else math.nan
 
 
-def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]], path: Path | None = None) -> str:
+def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]], path: Path | None = None,
+            remark: str = "") -> str:
     """Return the page, to be written to a file."""
     errors = [f"expected error, {one['quantity']}: {one['words']} ({one['source']})" for one in level["errors"]]
     if not errors:
         errors = ["expected error: unknown; the accuracy study has no case whose effects are all in this scene."]
     return page.page(f"{title}: cost", [
         page.paragraph(
-            f"Accuracy {level['accuracy']}.",
+            f"Accuracy {level['accuracy']}.", remark,
             "The prediction holds for a computer that does nothing else; stages that run side by side change the "
             "clock.",
             "The error of a run is known only where there is an exact solution: the one expected is that of the "
@@ -88,9 +90,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scene, folder = load_resolved(options.scene), options.scene.parent
     level = read_level(options.estimate, scene)
     disk = float(sum(size_of(folder / name) for name in FILES))
-    taken = taken_by(usage_files(options.logs, scene.segment_names))
-    lines = compared(level, taken, read_table(options.metrics), disk, scene.output.frame_interval)
-    write_text(options.output, page_of(scene.title or scene.name, level, lines, options.output))
+    taken = taken_by(usage_files(options.logs, segments_made(scene, folder)))
+    table = read_table(options.metrics)
+    lines = compared(level, taken, table, disk, scene.output.frame_interval)
+    remark = (f"Predicted were {scene.output.duration:g} s, the most; the scene ended after {table[TIME][-1]:g} s."
+              if scene.output.until_rest else "")
+    write_text(options.output, page_of(scene.title or scene.name, level, lines, options.output, remark))
+    print(remark, end="\n" * bool(remark))
     for name, predicted, real, ratio in lines:
         print(f"{name:34s} {predicted:>10s} {real:>10s} {ratio:>6s}")
 

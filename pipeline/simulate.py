@@ -55,7 +55,8 @@ def simulate_segment(scene: Scene, runner: Runner, segment: int, folder: Path, r
     pace_from = None  # simulated time and clock
     usual, told = step_at_rest(solver), False
     good = solver.state()
-    label = f"{scene.name}: simulate segment {segment + 1} of {scene.segment_count}"
+    most = f"{'at most ' * scene.output.until_rest}{scene.segment_count}"
+    label = f"{scene.name}: simulate segment {segment + 1} of {most}"
     with progress(len(frames), label) as bar:
         for number, index in enumerate(frames):
             begin, before = solver.time, dict(solver.seconds)

@@ -47,7 +47,7 @@ rule estimate:
         estimates=int(not flow.elsewhere),
     params:
         depends=flow.depends("estimate"),
-        start=lambda w: [f"--start {one}" for one in flow.start(w.scene, w.level, "000")],
+        start=lambda w: [f"--start {one}" for one in flow.known_start(w.scene, w.level)],
         errors=flow.expected_errors(),
     message:
         "{wildcards.scene} at {wildcards.level}: estimate time, memory and disk"

@@ -30,6 +30,24 @@ rule simulate:
         " {flow.device} 2>&1 | tee {log}"
 
 
+# Of scenes that end at rest: whether another segment follows.
+checkpoint rest:
+    input:
+        scene=SCENE,
+        initial="outputs/{scene}/{level}/initial.npz",
+        frames=lambda w: expand(FRAMES, segment=flow.segments_up_to(w.scene, w.level, w.segment), allow_missing=True),
+    output:
+        "outputs/{scene}/{level}/rest/segment_{segment}.json",
+    log:
+        "outputs/{scene}/{level}/logs/rest_{segment}.log",
+    params:
+        depends=flow.depends("rest"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: see whether it is at rest after segment {wildcards.segment}"
+    shell:
+        "python -m pipeline.rest {input.scene} {input.initial} {input.frames} --output {output} 2>&1 | tee {log}"
+
+
 rule effect_costs:
     input:
         scene=SCENE,

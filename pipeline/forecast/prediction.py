@@ -157,6 +157,8 @@ def asked_back(scene: Scene, seconds: Mapping[str, Mapping[str, float]]) -> Iter
 
 def notes(scene: Scene, measured: Mapping) -> Iterator[str]:
     """Yield sentences on what could not be measured."""
+    if scene.output.until_rest:
+        yield f"counted up to {scene.output.duration:g} s, but the scene ends when it rests, which is not foretold"
     for failure in measured["probe"]["failed"]:
         yield f"counted as the other phases are, because it could not be probed: {failure}"
     rehearsal = measured["rehearsals"][0] if measured["rehearsals"] else None

@@ -21,6 +21,7 @@ from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
+from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import load_scene, scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 SCENES, OUTPUTS = Path("config/scenes"), Path("outputs")
 PAGE = "index.html"                            # all else of a run is made on the way to it
 BY_SEGMENT = ("frames", "surfaces", "images")  # what has a folder per segment
+WHOLE = {"frames": "frames/frames.pvd", "surfaces": "run.pvd", "images": "movie.mp4"}  # what is made of all of them
 PICTURE_WIDTH = 640                            # pixels, of the last picture beside the numbers
 
 
@@ -107,8 +109,9 @@ class Run:
         """
         project = self.folder.parents[2]
         scene = load_scene(relative(project / SCENES) / f"{self.folder.parent.name}.yaml", self.folder.name)
+        segments = [] if scene.output.until_rest else scene.segment_names  # how many there will be is not known then
         files = [file for one in want for file in (
-            [f"{one}/segment_{name}" for name in scene.segment_names] if one in BY_SEGMENT else [one])]
+            [f"{one}/segment_{name}" for name in segments] or [WHOLE[one]] if one in BY_SEGMENT else [one])]
         make(project, [str(self.folder.relative_to(project) / file) for file in files], cores=cores, device=device,
              progress=progress)
         for known in ("scene", "metrics", "frames"):
@@ -128,13 +131,13 @@ class Run:
     def frames(self) -> "Frames":
         """The particles at all times."""
         return Frames([frame_path(self.folder / "frames" / f"segment_{name}", frame)
-                       for segment, name in enumerate(self.scene.segment_names)
+                       for segment, name in enumerate(self._segments)
                        for frame in self.scene.frames_of_segment(segment)])
 
     @property
     def times(self) -> np.ndarray:
         """Times of the frames, (frames,), s."""
-        return self.scene.output.frame_interval * np.arange(self.scene.frame_count)
+        return self.scene.output.frame_interval * np.arange(self._frame_count)
 
     @property
     def files(self) -> dict[str, Path]:
@@ -197,8 +200,16 @@ class Run:
     def __repr__(self) -> str:
         return f"<run of {self.folder.parent.name} at {self.folder.name}: {relative(self.folder)}>"
 
+    @property
+    def _segments(self) -> list[str]:
+        return segments_made(self.scene, relative(self.folder))
+
+    @property
+    def _frame_count(self) -> int:
+        return self.scene.frames_of_segment(len(self._segments) - 1).stop
+
     def _frame(self, frame: int) -> int:
-        count = self.scene.frame_count
+        count = self._frame_count
         if not -count <= frame < count:
             raise UserError(f"frame is {frame}, but must be at least {-count} and at most {count - 1}: "
                             f"{self.scene.name} has {count} frames")

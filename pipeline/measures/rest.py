@@ -1,32 +1,79 @@
-"""Whether a scene has come to rest at its end, by the covered share of the retina: what people read off."""
-from collections.abc import Mapping
+"""Whether a scene has come to rest, by the covered share of the retina: what people read off."""
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-WINDOW = 0.5  # s at the end over which the change is measured
-RATE = 0.5  # points per second, up to which a scene is called at rest
+from pipeline.base.frame_files import read_frame
+from pipeline.measures.events import Event
+from pipeline.measures.frame_view import Measured
+from pipeline.scenes.model import REST_RATE, REST_WINDOW, Scene
+
 PARTS = ("whole", "superior", "inferior")
+COLUMNS = tuple(f"retina_coverage_{part} [%]" for part in PARTS)
 
 
-def rest_in_words(table: Mapping[str, np.ndarray]) -> str:
-    """Return one sentence on how fast the covered retina still changes; empty for tables without it, or too short.
+def rates(table: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return how fast the covered shares change over the last seconds: part of the retina -> points per second.
+
+    Empty for tables without them, or too short.
 
     Parameters
     ----------
     table : metrics, column -> (frames,).
     """
     time = table.get("time [s]", np.zeros(0))
-    late = time >= time[-1] - WINDOW - 1e-9 if len(time) else np.zeros(0, bool)
-    columns = [f"retina_coverage_{part} [%]" for part in PARTS]
-    if np.count_nonzero(late) < 3 or np.ptp(time[late]) < 0.9 * WINDOW or not all(name in table for name in columns):
+    late = time >= time[-1] - REST_WINDOW - 1e-9 if len(time) else np.zeros(0, bool)
+    if np.count_nonzero(late) < 3 or np.ptp(time[late]) < 0.9 * REST_WINDOW or not all(one in table for one in COLUMNS):
+        return {}
+    return {part: float(np.polyfit(time[late], table[name][late], 1)[0])
+            for part, name in zip(PARTS, COLUMNS, strict=True) if np.isfinite(table[name][late]).all()}
+
+
+def at_rest(table: Mapping[str, np.ndarray], events: Iterable[Event] = ()) -> bool:
+    """Tell whether the covered shares hardly change any more, and nothing has happened meanwhile or is to come."""
+    found = rates(table)
+    begin = table["time [s]"][-1] - REST_WINDOW if found else 0.0
+    return bool(found) and max(map(abs, found.values())) <= REST_RATE and all(one.end <= begin + 1e-9 for one in events)
+
+
+def rest_in_words(table: Mapping[str, np.ndarray], ended: bool = True) -> str:
+    """Return one sentence on how fast the covered retina still changes; empty for tables without it, or too short.
+
+    Parameters
+    ----------
+    ended : the scene ends here; then what else there is to know is told.
+    """
+    found = rates(table)
+    if not found:
         return ""
-    rates = {part: float(np.polyfit(time[late], table[name][late], 1)[0])
-             for part, name in zip(PARTS, columns, strict=True) if np.isfinite(table[name][late]).all()}
-    if not rates:
-        return ""
-    part = max(rates, key=lambda name: abs(rates[name]))
-    change = (f"in the last {WINDOW:g} s the covered share of the retina ({part}) changes by {rates[part]:+.2g} points "
-              "per second")
-    if abs(rates[part]) <= RATE:
-        return f"at rest: {change}, less than {RATE:g}; oil that creeps along the wall may need minutes all the same"
-    return f"not at rest: {change}, more than {RATE:g}; a longer output.duration shows where it ends"
+    part = max(found, key=lambda name: abs(found[name]))
+    rests = abs(found[part]) <= REST_RATE
+    said = (f"{'' if rests else 'not '}at rest: in the last {REST_WINDOW:g} s the covered share of the retina ({part}) "
+            f"changes by {found[part]:+.2g} points per second, {'less' if rests else 'more'} than {REST_RATE:g}")
+    if ended:
+        said += ("; oil that creeps along the wall may need minutes all the same" if rests else
+                 "; a longer output.duration shows where it ends")
+    return said
+
+
+def course_of_coverage(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path]) -> dict[str, np.ndarray]:
+    """Return what rest and the events of a scene ask for, of the first frame and of those of the last seconds.
+
+    Parameters
+    ----------
+    initial : arrays of ``initial.npz``.
+    paths : files of the frames from the start on, in the order of time.
+    """
+    frames = round(REST_WINDOW / scene.output.frame_interval) + 1
+    table: dict[str, list[float]] = {}
+    for path in [*paths[:1], *paths[1:][-frames:]]:
+        state = Measured(scene, initial, read_frame(path))
+        masks = state.wall.retina_masks()
+        row = {"time [s]": state.frame.time}
+        row |= {name: 100.0 * state.wall.covered_share(masks[part]) for part, name in zip(PARTS, COLUMNS, strict=True)}
+        row |= {f"volume_{name} [mL]": 1e6 * volume
+                for name, volume in zip(state.frame.liquids, state.frame.fill, strict=True)}
+        for column, number in row.items():
+            table.setdefault(column, []).append(number)
+    return {column: np.array(numbers, float) for column, numbers in table.items()}

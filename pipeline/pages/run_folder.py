@@ -11,6 +11,7 @@ from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
 from pipeline.forecast.estimate_files import read_level
 from pipeline.measures.metric import Metric, read_meanings
+from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
@@ -77,7 +78,8 @@ def read_run(folder: Path) -> Run:
     UserError : something is missing or damaged.
     """
     scene = scene_of_run(folder)
-    pictures = [path for name in scene.segment_names for path in sorted(folder.glob(f"images/segment_{name}/*.png"))]
+    segments = segments_made(scene, folder)
+    pictures = [path for name in segments for path in sorted(folder.glob(f"images/segment_{name}/*.png"))]
     if not pictures:
         raise UserError(f"{folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")
     for name in ("movie.mp4", "poster.png"):
@@ -87,6 +89,6 @@ def read_run(folder: Path) -> Run:
         folder=folder, scene=scene, table=read_table(folder / "metrics.csv"),
         metrics=read_meanings(folder / "metrics.json"), pictures=pictures,
         cavity_volume=float(load_initial(folder / "initial.npz")["cavity_volume"]),
-        costs=[read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names],
-        taken=taken_by(usage_files(folder / "logs", scene.segment_names)),
+        costs=[read_costs(folder / "costs" / f"segment_{name}.json") for name in segments],
+        taken=taken_by(usage_files(folder / "logs", segments)),
         predicted=read_level(folder / "estimate.json", scene))

@@ -22,6 +22,7 @@ from pipeline.scenes.eye_shape import globe_of, shape_of
 from pipeline.scenes.model import (
     AT_REST,
     LARGEST_ANGLE,
+    REST_WINDOW,
     SMALLEST_ANGLE,
     Block,
     Break,
@@ -369,6 +370,20 @@ def _frames_end_with_the_scene(output: Output) -> Found:
         yield (("output", "frames_per_segment"),
                f"is {output.frames_per_segment}, but must be at least {math.ceil(count / MOST_SEGMENTS)}, which makes "
                f"{MOST_SEGMENTS} segments of {round(count)} frames")
+
+
+@_check
+def _rest_can_be_seen(eye: Eye | None, dimension: int, liquids: tuple[Material, ...], output: Output) -> Found:
+    if not output.until_rest:
+        return
+    if eye is None or dimension == 2 or len(liquids) < 2:
+        yield (("output", "until_rest"),
+               "needs an eye with two liquids or more, in three dimensions: the covered share of the retina tells "
+               "whether they rest")
+    elif output.frame_interval > 0.5 * REST_WINDOW:
+        yield (("output", "frame_interval"),
+               f"is {output.frame_interval:g} s, but must be at most {0.5 * REST_WINDOW:g} s with until_rest, which "
+               f"looks at the last {REST_WINDOW:g} s")
 
 
 @_check

@@ -13,6 +13,8 @@ from sim.settings import Liquid, Numerics, Settings
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
 AT_REST = "at_rest"  # the start of two liquids in an eye
+REST_WINDOW = 2.0  # s over which coverage is watched: in half a second, particles that pass the wall hide its change
+REST_RATE = 0.5  # points of the retina per second, up to which a scene is called at rest
 SMALLEST_ANGLE, LARGEST_ANGLE = math.radians(5.0), math.radians(45.0)  # of contact: what a shape at rest is found for
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 EQUATOR = math.radians(90.0) + 1e-9   # from the posterior pole; units are rounded
@@ -208,6 +210,10 @@ class Output:
     """What is saved, and how it is turned into surfaces and pictures."""
 
     duration: float = parameter(unit="s", exclusive_minimum=0.0, maximum=3600.0, meaning="simulated time")
+    until_rest: bool = parameter(
+        False, meaning="end before the duration, after the first segment in whose last "
+                       f"{REST_WINDOW:g} s the covered shares of the retina change by less than {REST_RATE:g} points "
+                       "per second")
     frame_interval: float = parameter(0.1, unit="s", exclusive_minimum=0.0, meaning="time between saved frames")
     second_means: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
                                            meaning="what a simulated second stands for in a time-lapse: the clock "

@@ -13,6 +13,7 @@ from pipeline.scenes.model import Scene
 ASKED = ("allowed_time",)  # answers to questions, read by no results
 WORDS = ("title", "description", "label")
 PLACES = ("breaks", "regions")  # of the wall: measured and drawn
+ENDS = ("output.duration", "output.until_rest")  # frames that are there already stay as they are
 PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoothing_length", "output.image_size",
            "output.formats", "output.second_means")
 COLORS = ("liquids.color", "liquids.clear", "liquids.source")
@@ -25,8 +26,8 @@ UNREAD = {
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",
             "liquids", "eye.side", *PLACES),
     "voxelize": (*WORDS, "accuracy", "start_from", "schemes", "output", *LOOKS, *PLACES),
-    "simulate": (*WORDS, "accuracy", "output.duration", *PICTURE, *LOOKS, *PLACES),
-    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "schemes", "output.duration", "output.image_size",
+    "simulate": (*WORDS, "accuracy", *ENDS, *PICTURE, *LOOKS, *PLACES),
+    "reconstruct": (*WORDS, "accuracy", "start_from", "initial", "schemes", *ENDS, "output.image_size",
                     "output.second_means", *COLORS, *PLACES),
     "bodies": ("description", "label", "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "output",
                *LOOKS, *PLACES),
@@ -34,13 +35,14 @@ UNREAD = {
                   "output"),
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output", *PLACES),
-    "render": ("accuracy", "start_from", "initial", "blocks", "schemes", "output.duration"),
+    "render": ("accuracy", "start_from", "initial", "blocks", "schemes", *ENDS),
     "still": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "eye", "numerics", "output",
               "liquids.color", "liquids.source", *PLACES),
     "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
-              "liquids", "numerics", "dimension", "output.duration", *PLACES,
+              "liquids", "numerics", "dimension", *ENDS, *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),
-    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", "output.duration",
+    "rest": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", *PICTURE, *COLORS, *PLACES),
+    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", *ENDS,
                 *(key for key in PICTURE if key != "output.second_means"), *COLORS),
 }
 

@@ -4,7 +4,7 @@ import hashlib
 import re
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -12,6 +12,7 @@ from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
 from pipeline.scenes.devices import checked_device, chosen_device
+from pipeline.scenes.ending import segments_made, segments_until_rest
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe as shown
@@ -70,6 +71,11 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
+def rest_file(name: str, level: str, segment: str) -> str:
+    """Return the file that says whether a scene is at rest after a segment."""
+    return f"{OUTPUTS}/{name}/{level}/rest/segment_{segment}.json"
+
+
 class Workflow:
     """The scenes of one call of Snakemake.
 
@@ -77,6 +83,8 @@ class Workflow:
     ----------
     config : Snakemake's configuration, ``config/config.yaml`` with the changes of ``--config``.
     elsewhere : jobs may run on other computers, whose cores and devices this one does not know: they ask themselves.
+    rested : returns the file that says whether a scene is at rest, of its name, level and segment; that of Snakemake
+        sees to it that the file is made.
 
     Attributes
     ----------
@@ -86,7 +94,8 @@ class Workflow:
     device : option of every stage that starts the solver, empty where the scenes decide.
     """
 
-    def __init__(self, config: Mapping[str, Any], elsewhere: bool = False):
+    def __init__(self, config: Mapping[str, Any], elsewhere: bool = False,
+                 rested: Callable[[str, str, str], str] = rest_file):
         for key in config:
             if key not in KEYS:
                 stop(f"--config {key}: unknown key, must be one of {', '.join(KEYS)}")
@@ -102,7 +111,7 @@ class Workflow:
             stop(f"--config accuracy is {shown(self.accuracy)}, but must be one of {', '.join(self.levels)}"
                  f"{nearest(self.accuracy, self.levels)}")
         self._device = config.get("device")
-        self.elsewhere = elsewhere
+        self.elsewhere, self._rested = elsewhere, rested
         if self._device is not None and not elsewhere:
             _read(checked_device, self._device, DEVICE)
         self.device = "" if self._device is None else f"--device {self._device}"
@@ -147,20 +156,33 @@ class Workflow:
         return 1 if (self._device or device) == "cuda" else None
 
     def segments(self, name: str, level: str) -> list[str]:
-        """Return the names of the segments of a scene: ``000``, ``001`` ..."""
-        return self.scene(name, level).segment_names
+        """Return the names of the segments of a scene: ``000``, ``001`` ...; where it ends at rest, as it is run."""
+        return segments_until_rest(self.scene(name, level), lambda segment: Path(self._rested(name, level, segment)))
+
+    def segments_up_to(self, name: str, level: str, segment: str) -> list[str]:
+        """Return the names of the segments of a scene from the start to one of them."""
+        segments = self.scene(name, level).segment_names
+        if segment not in segments:
+            stop(f"{name} has no segment {segment}; its segments are {', '.join(segments)}")
+        return segments[:int(segment) + 1]
 
     def start(self, name: str, level: str, segment: str) -> list[str]:
         """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""
-        segments = self.segments(name, level)
-        if segment not in segments:
-            stop(f"{name} has no segment {segment}; its segments are {', '.join(segments)}")
-        if int(segment):
-            return [f"{OUTPUTS}/{name}/{level}/checkpoints/segment_{int(segment) - 1:03d}.npz"]
+        before = self.segments_up_to(name, level, segment)[:-1]
+        if before:
+            return [f"{OUTPUTS}/{name}/{level}/checkpoints/segment_{before[-1]}.npz"]
         earlier = self.scene(name, level).start_from
         if not earlier:
             return []
         return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{self.segments(earlier, level)[-1]}.npz"]
+
+    def known_start(self, name: str, level: str) -> list[str]:
+        """Return the checkpoint that a scene will start from, as a list; empty also where it is not known yet."""
+        earlier = self.scene(name, level).start_from
+        if not earlier:
+            return []
+        last = segments_made(self.scene(earlier, level), OUTPUTS / earlier / level)[-1]
+        return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{last}.npz"]
 
     def mesh(self, name: str, level: str) -> list[str]:
         """Return the user's mesh of the eye, as a list; empty for the parametric eye."""

@@ -17,7 +17,7 @@ from pipeline.cavity.initial_state import save_initial
 from pipeline.cavity.shapes import shape_arrays
 from pipeline.measures import plots, rest
 from pipeline.measures.coverage import WallContact
-from pipeline.measures.events import events_of
+from pipeline.measures.events import Event, events_of
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.shown import columns_by_metric, shown_metrics
 from pipeline.scenes.load import load_scene
@@ -308,18 +308,26 @@ def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
 
 
 def table_of(coverage):
-    time = np.linspace(0.0, 2.0, 21)
+    time = np.linspace(0.0, 4.0, 41)
     return {"time [s]": time} | {f"retina_coverage_{part} [%]": coverage(time) for part in rest.PARTS}
 
 
 def test_scene_says_whether_it_is_at_rest():
-    settling = table_of(lambda t: 60.0 + 5.0 * np.exp(-2.0 * t))  # 0.29 points per second around 1.75 s
-    assert rest.rest_in_words(settling).startswith("at rest: in the last 0.5 s the covered share")
-    moving = table_of(lambda t: 60.0 + 3.0 * t) | {"retina_coverage_inferior [%]": 30.0 - 4.0 * np.linspace(0, 2, 21)}
+    settling = table_of(lambda t: 60.0 + 5.0 * np.exp(-t))  # by 0.30 points per second on average from 2 to 4 s
+    assert rest.rest_in_words(settling).startswith("at rest: in the last 2 s the covered share")
+    assert rest.at_rest(settling)
+    moving = table_of(lambda t: 60.0 + 3.0 * t) | {"retina_coverage_inferior [%]": 30.0 - 4.0 * np.linspace(0, 4, 41)}
     assert rest.rest_in_words(moving).startswith("not at rest") and "(inferior) changes by -4 points" in (
         rest.rest_in_words(moving))
     short = {name: values[:4] for name, values in moving.items()}
     assert rest.rest_in_words(short) == rest.rest_in_words({"time [s]": np.linspace(0.0, 2.0, 21)}) == ""
+    assert not rest.at_rest(moving) and not rest.at_rest(short)
+
+
+@pytest.mark.parametrize(("begin", "end", "rests"), [(1.0, 2.0, True), (1.0, 3.0, False), (5.0, 5.0, False)])
+def test_what_happens_late_or_is_to_come_keeps_a_scene_from_its_rest(begin, end, rests):
+    still = table_of(lambda t: 60.0 + 0.0 * t)
+    assert rest.at_rest(still, [Event("a turn", begin, end)]) == rests
 
 
 def test_every_metric_is_explained(capsys):

@@ -255,6 +255,11 @@ BAD = {
     "empty effect": ("effects: {cohesion: }", "effects.cohesion is empty"),
     "duration": ("output: {duration: 0.35 s}", "is 0.35 s, but must be a whole multiple of frame_interval, 0.1 s"),
     "short duration": ("output: {duration: 0.01 s}", "whole multiple"),
+    "rest of a single liquid": ("liquids: [aqueous]\neffects: {injection: null, interface_tension: null}\n"
+                                "output: {until_rest: true}",
+                                "output.until_rest needs an eye with two liquids or more"),
+    "rest between two frames": ("output: {until_rest: true, frame_interval: 2 s}",
+                                "frame_interval is 2 s, but must be at most 1 s with until_rest"),
     "too many frames": ("output: {frame_interval: 1e-8}", "at most 100000 can be saved"),
     "odd picture": ("output: {image_size: [333, 200]}", "even"),
     "fill below 100 %": ("initial: {fill: {aqueous: 50 %}}", "adds up to 50 %"),

@@ -1,6 +1,7 @@
 """Snakemake: every scene can be planned, one runs end to end, a killed run goes on, and wrong input is a sentence."""
 import contextlib
 import dataclasses
+import json
 import os
 import runpy
 import shutil
@@ -18,6 +19,7 @@ from snakemake_output import TRACE, planned
 import pipeline
 from pipeline.base import digest as code_digest
 from pipeline.base.digest import modules_used
+from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
 from pipeline.scenes.load import load_accuracy_levels, load_scene
@@ -159,7 +161,7 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
     assert changed(red) == {"render", "index_run"}
-    assert changed(long) == {"advise", "cost", "estimate"}
+    assert changed(long) == {"advise", "cost", "estimate", "rest"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
 
 
@@ -357,6 +359,36 @@ def test_killed_run_goes_on_to_the_same_frames(finished, project):
         for one, other in zip(map(read_frame, ours), map(read_frame, theirs), strict=True):
             for name in ("id", "position", "velocity", "volume_fraction", "volume"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_a_scene_ends_when_it_rests(project):
+    """And what starts from it starts from there."""
+    project.write_scene("resting", """extends: still_eye
+numerics: {particle_spacing: 2 mm}
+output: {duration: 60 s, until_rest: true, frame_interval: 0.5 s, frames_per_segment: 2}
+""")
+    project.write_scene("after", "extends: resting\nstart_from: resting\ninitial: null\noutput: {duration: 1 s}\n")
+    target = "outputs/resting/draft/metrics.csv"
+    code, output = project.snakemake(target, "outputs/resting/draft/frames/frames.pvd")
+    assert code == 0, output
+    assert "simulate segment 1 of at most 60" in output
+    run = pipeline.open_run(project.outputs("resting"))
+    said = [json.loads(path.read_text())["at_rest"] for path in sorted((run.folder / "rest").iterdir())]
+    assert said == [False] * (len(said) - 1) + [True] and 2 <= len(said) < 10
+    end, last = float(len(said)), f"segment_{len(said) - 1:03d}"
+    assert f"after {end:g} s: at rest" in output
+    assert sorted(path.name for path in (run.folder / "frames").glob("segment_*"))[-1] == last
+    np.testing.assert_allclose(run.times, np.arange(0.0, end + 0.1, 0.5))
+    np.testing.assert_allclose(run.metrics["time [s]"], run.times)
+    assert len(run.frames) == len(run.times) and run.frames[-1].time == pytest.approx(end)
+    with pytest.raises(UserError, match=f"at most {end:g} s"):
+        run.frame_at(end + 1.0)
+
+    code, output = project.snakemake("-n", target)
+    assert code == 0 and "Nothing to be done" in output
+    code, output = project.snakemake("-n", "-p", "outputs/after/draft/frames/segment_000")
+    assert code == 0 and planned(output)["simulate"] == 1
+    assert f"--restart outputs/resting/draft/checkpoints/{last}.npz" in output
 
 
 def test_second_run_at_the_same_time_is_refused(finished, project):

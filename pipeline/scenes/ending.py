@@ -1,0 +1,40 @@
+"""Which segments a scene has: all that its duration asks for, or fewer where it ends at rest."""
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.base.errors import UserError
+from pipeline.scenes.model import Scene
+
+
+def segments_until_rest(scene: Scene, file_of: Callable[[str], Path]) -> list[str]:
+    """Return the names of the segments that a scene has: all, or those after which it is at rest if it ends there.
+
+    Parameters
+    ----------
+    file_of : returns the file that the rest stage has written after a segment. One that is not there yet ends nothing.
+    """
+    names = scene.segment_names
+    for number, name in enumerate(names if scene.output.until_rest else ()):
+        path = file_of(name)
+        if path.is_file() and read_rest(path):
+            return names[:number + 1]
+    return names
+
+
+def segments_made(scene: Scene, folder: Path) -> list[str]:
+    """Return the names of the segments of a run in a folder."""
+    return segments_until_rest(scene, lambda name: folder / "rest" / f"segment_{name}.json")
+
+
+def read_rest(path: Path) -> bool:
+    """Return what a file of the rest stage says.
+
+    Raises
+    ------
+    UserError : the file is damaged.
+    """
+    try:
+        return bool(json.loads(path.read_text(encoding="utf-8"))["at_rest"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is damaged ({error}); remove it and run the same command again") from error
