@@ -42,6 +42,7 @@ DRAWN_IN = 0.36  # the zero of the level set is drawn in by 0.36 kappa dx^2 by s
 # packed spheres of 3 and 4 dx and circles of 4 to 10 dx; a drop of 4 dx looks 13 % too small in volume
 EXTENSION_RADIUS = 4.0  # reach R of single points of the interface in the extension of M, in particle spacings
 EXTENSION_POWER = 8  # their weight is (1 - r^2/R^2)^8
+LEAST_SHARE = 1e-3  # of an edge that a crossing at the wall stands for: M is divided by it
 SLICES = 4  # bins of points along R in rows of bins, which are as wide as R: few points beyond R are looked at
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
@@ -369,12 +370,25 @@ class InterfaceTension(Effect):
 
     @ti.func
     def _crossing(self, n, d: ti.template()):
-        """Whether the interface crosses the edge from node n along axis d inside the cavity, and where along it."""
+        """Whether the interface crosses the edge from node n along axis d inside the cavity, where along it, and how
+        deep below the wall.
+        """
         m = n + self.level_set.steps[d]
         p, q = self.level_set.phi[n], self.level_set.phi[m]
         t = p / (p - q)
         wall, wall_next = self.grid.values[n], self.grid.values[m]
-        return (p > 0.0) != (q > 0.0) and wall + t * (wall_next - wall) <= 0.0, t
+        depth = -(wall + t * (wall_next - wall))
+        return (p > 0.0) != (q > 0.0) and depth >= 0.0, t, depth
+
+    @ti.func
+    def _share(self, depth):
+        """Edges that a crossing stands for, at a depth below the wall: those of a row then add up to its length.
+
+        One for each would count up to an edge too many where the wall lies on nodes of the grid, or one too few, as
+        round-off has it. Their sum must not jump when a crossing passes the wall.
+        """
+        away = depth / self.grid.cell
+        return ti.max(ti.min(1.5 * away, ti.max(2.0 - 0.5 * away, 1.0)), LEAST_SHARE)  # (I6)
 
     @ti.kernel
     def _find_points(self):
@@ -387,7 +401,7 @@ class InterfaceTension(Effect):
             found = 0
             for k in range(first(block, nodes), last(block, nodes)):
                 for d in ti.static(range(self.dimension)):
-                    crosses, _ = self._crossing(self.level_set.band[k], d)
+                    crosses, _, _ = self._crossing(self.level_set.band[k], d)
                     found += ti.cast(crosses, ti.i32)
             self.partial[0, block] = found
         ti.loop_config(serialize=True)
@@ -401,7 +415,7 @@ class InterfaceTension(Effect):
             for k in range(first(block, nodes), last(block, nodes)):
                 n = self.level_set.band[k]
                 for d in ti.static(range(self.dimension)):
-                    crosses, t = self._crossing(n, d)
+                    crosses, t, depth = self._crossing(n, d)
                     if crosses:
                         m = n + self.level_set.steps[d]
                         g = (1.0 - t) * self.level_set.normal[n] + t * self.level_set.normal[m]
@@ -422,7 +436,9 @@ class InterfaceTension(Effect):
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
                                 kappa *= near + t * (far - near)  # (I9): exactly 1 at a sharp interface
-                            value = self.coefficient * kappa - self.body_force[None].dot(x)  # (I1)
+                            share = self._share(depth)  # of the area; what the interface turns by is left as it is
+                            a *= share
+                            value = self.coefficient * kappa / share - self.body_force[None].dot(x)  # (I1)
                             self.point[place] = x
                             self.point_area[place] = a
                             self.point_jump[place] = value
