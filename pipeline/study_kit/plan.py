@@ -30,6 +30,7 @@ FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
+MOST_LISTED = 20  # cases that an error names
 # A page that answers a question of a surgeon is written by `pipeline.study_kit.<report>_page`.
 QUESTIONS = tuple(sorted(path.stem.removesuffix("_page") for path in Path(__file__).parent.glob("*_page.py")
                          if path.stem != "question_page"))
@@ -141,11 +142,13 @@ class Study:
         Raises
         ------
         UserError
-            There is no such case; the message lists those that there are.
+            There is no such case; the message lists those that there are, or says how to.
         """
         if name not in self.cases:
-            raise UserError(f'{self.name} has no case "{name}"{nearest(name, self.cases)}; its cases are '
-                            f"{', '.join(self.cases)}")
+            known = (f"cases are {', '.join(self.cases)}" if len(self.cases) <= MOST_LISTED else
+                     f"{len(self.cases)} cases are listed by: python -m pipeline.study {self.name} --accuracy "
+                     f"{self.accuracy} --list")
+            raise UserError(f'{self.name} has no case "{name}"{nearest(name, self.cases)}; its {known}')
         return self.cases[name]
 
 
