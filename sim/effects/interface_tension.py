@@ -381,14 +381,25 @@ class InterfaceTension(Effect):
         return (p > 0.0) != (q > 0.0) and depth >= 0.0, t, depth
 
     @ti.func
-    def _share(self, depth):
-        """Edges that a crossing stands for, at a depth below the wall: those of a row then add up to its length.
+    def _share(self, n, d: ti.template(), normal, depth):
+        """Edges along axis d that the crossing of one stands for, at a depth below the wall, so that those in a row add
+        up to its length.
 
         One for each would count up to an edge too many where the wall lies on nodes of the grid, or one too few, as
         round-off has it. Their sum must not jump when a crossing passes the wall.
         """
-        away = depth / self.grid.cell
+        per_edge = 0.0  # change of the depth along the interface from one edge to the next, over a cell
+        for e in ti.static(range(self.dimension)):
+            if ti.static(e != d):
+                rise = normal[e] * normal[d] / ti.max(normal[d] ** 2, 1e-12)
+                per_edge += (self._wall_slope(n, e) - rise * self._wall_slope(n, d)) ** 2
+        away = depth / (self.grid.cell * ti.max(ti.sqrt(per_edge), 1e-6))
         return ti.max(ti.min(1.5 * away, ti.max(2.0 - 0.5 * away, 1.0)), LEAST_SHARE)  # (I6)
+
+    @ti.func
+    def _wall_slope(self, n, d: ti.template()):
+        step = self.level_set.steps[d]
+        return (self.grid.values[n + step] - self.grid.values[n - step]) / (2.0 * self.grid.cell)
 
     @ti.kernel
     def _find_points(self):
@@ -436,7 +447,7 @@ class InterfaceTension(Effect):
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
                                 kappa *= near + t * (far - near)  # (I9): exactly 1 at a sharp interface
-                            share = self._share(depth)  # of the area; what the interface turns by is left as it is
+                            share = self._share(n, d, g, depth)  # of the area; the turn of the interface stays
                             a *= share
                             value = self.coefficient * kappa / share - self.body_force[None].dot(x)  # (I1)
                             self.point[place] = x

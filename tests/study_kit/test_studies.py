@@ -257,7 +257,7 @@ def test_unknown_study_case_and_level_list_what_is_allowed(write):
     with pytest.raises(UserError, match="its cases are taylor_green-5, taylor_green-10"):
         load_study("small").case("taylor_green-6")
     write(SMALL.replace("5, 10", ", ".join(map(str, range(5, 40)))))
-    with pytest.raises(UserError, match="its 35 cases are listed by: python -m pipeline.study small .*--list"):
+    with pytest.raises(UserError, match=r"its 35 cases are listed by: python -m pipeline.study small .*--list"):
         load_study("small").case("taylor_green-4")
 
 
