@@ -42,7 +42,7 @@ DRAWN_IN = 0.36  # the zero of the level set is drawn in by 0.36 kappa dx^2 by s
 # packed spheres of 3 and 4 dx and circles of 4 to 10 dx; a drop of 4 dx looks 13 % too small in volume
 EXTENSION_RADIUS = 4.0  # reach R of single points of the interface in the extension of M, in particle spacings
 EXTENSION_POWER = 8  # their weight is (1 - r^2/R^2)^8
-LEAST_SHARE = 1e-3  # of an edge that a crossing at the wall stands for: M is divided by it
+ON_WALL = 1e-3  # cells: what lies no further from the wall is on it, as round-off has it
 SLICES = 4  # bins of points along R in rows of bins, which are as wide as R: few points beyond R are looked at
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
@@ -370,36 +370,17 @@ class InterfaceTension(Effect):
 
     @ti.func
     def _crossing(self, n, d: ti.template()):
-        """Whether the interface crosses the edge from node n along axis d inside the cavity, where along it, and how
-        deep below the wall.
+        """Whether the interface crosses the edge from node n along axis d inside the cavity or on its wall, where along
+        it, and the share of an edge that it stands for.
+
+        Where a wall lies on nodes of the grid, as those of boxes do, a row of edges begins and ends with half a one.
         """
         m = n + self.level_set.steps[d]
         p, q = self.level_set.phi[n], self.level_set.phi[m]
         t = p / (p - q)
         wall, wall_next = self.grid.values[n], self.grid.values[m]
-        depth = -(wall + t * (wall_next - wall))
-        return (p > 0.0) != (q > 0.0) and depth >= 0.0, t, depth
-
-    @ti.func
-    def _share(self, n, d: ti.template(), normal, depth):
-        """Edges along axis d that the crossing of one stands for, at a depth below the wall, so that those in a row add
-        up to its length.
-
-        One for each would count up to an edge too many where the wall lies on nodes of the grid, or one too few, as
-        round-off has it. Their sum must not jump when a crossing passes the wall.
-        """
-        per_edge = 0.0  # change of the depth along the interface from one edge to the next, over a cell
-        for e in ti.static(range(self.dimension)):
-            if ti.static(e != d):
-                rise = normal[e] * normal[d] / ti.max(normal[d] ** 2, 1e-12)
-                per_edge += (self._wall_slope(n, e) - rise * self._wall_slope(n, d)) ** 2
-        away = depth / (self.grid.cell * ti.max(ti.sqrt(per_edge), 1e-6))
-        return ti.max(ti.min(1.5 * away, ti.max(2.0 - 0.5 * away, 1.0)), LEAST_SHARE)  # (I6)
-
-    @ti.func
-    def _wall_slope(self, n, d: ti.template()):
-        step = self.level_set.steps[d]
-        return (self.grid.values[n + step] - self.grid.values[n - step]) / (2.0 * self.grid.cell)
+        depth = -(wall + t * (wall_next - wall)) / self.grid.cell
+        return (p > 0.0) != (q > 0.0) and depth >= -ON_WALL, t, ti.select(depth <= ON_WALL, 0.5, 1.0)
 
     @ti.kernel
     def _find_points(self):
@@ -426,7 +407,7 @@ class InterfaceTension(Effect):
             for k in range(first(block, nodes), last(block, nodes)):
                 n = self.level_set.band[k]
                 for d in ti.static(range(self.dimension)):
-                    crosses, t, depth = self._crossing(n, d)
+                    crosses, t, share = self._crossing(n, d)
                     if crosses:
                         m = n + self.level_set.steps[d]
                         g = (1.0 - t) * self.level_set.normal[n] + t * self.level_set.normal[m]
@@ -447,8 +428,7 @@ class InterfaceTension(Effect):
                             if ti.static(self.mixes):
                                 near, far = self.level_set.contrast[n], self.level_set.contrast[m]
                                 kappa *= near + t * (far - near)  # (I9): exactly 1 at a sharp interface
-                            share = self._share(n, d, g, depth)  # of the area; the turn of the interface stays
-                            a *= share
+                            a *= share  # and not what the interface turns by
                             value = self.coefficient * kappa / share - self.body_force[None].dot(x)  # (I1)
                             self.point[place] = x
                             self.point_area[place] = a
