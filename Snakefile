@@ -90,6 +90,7 @@ onerror:
 localrules:
     scene,
     index_frames,
+    rest,
     effect_costs,
     cost,
     software,

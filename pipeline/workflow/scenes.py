@@ -157,7 +157,8 @@ class Workflow:
 
     def segments(self, name: str, level: str) -> list[str]:
         """Return the names of the segments of a scene: ``000``, ``001`` ...; where it ends at rest, as it is run."""
-        return segments_until_rest(self.scene(name, level), lambda segment: Path(self._rested(name, level, segment)))
+        return _read(segments_until_rest, self.scene(name, level),
+                     lambda segment: Path(self._rested(name, level, segment)))
 
     def segments_up_to(self, name: str, level: str, segment: str) -> list[str]:
         """Return the names of the segments of a scene from the start to one of them."""
@@ -181,7 +182,7 @@ class Workflow:
         earlier = self.scene(name, level).start_from
         if not earlier:
             return []
-        last = segments_made(self.scene(earlier, level), OUTPUTS / earlier / level)[-1]
+        last = _read(segments_made, self.scene(earlier, level), OUTPUTS / earlier / level)[-1]
         return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{last}.npz"]
 
     def mesh(self, name: str, level: str) -> list[str]:

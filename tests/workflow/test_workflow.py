@@ -389,6 +389,9 @@ output: {duration: 60 s, until_rest: true, frame_interval: 0.5 s, frames_per_seg
     code, output = project.snakemake("-n", "-p", "outputs/after/draft/frames/segment_000")
     assert code == 0 and planned(output)["simulate"] == 1
     assert f"--restart outputs/resting/draft/checkpoints/{last}.npz" in output
+    (run.folder / "rest" / f"{last}.json").write_text("{")
+    code, output = project.snakemake("-n", target)
+    assert code == 2 and f"{last}.json: is damaged" in output and TRACE not in output
 
 
 def test_second_run_at_the_same_time_is_refused(finished, project):
