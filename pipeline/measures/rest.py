@@ -10,13 +10,14 @@ from pipeline.measures.frame_view import Measured
 from pipeline.scenes.model import REST_RATE, REST_WINDOW, Scene
 
 PARTS = ("whole", "superior", "inferior")
+FEWEST_FRAMES = 4  # of which a change and its error are told
 COLUMNS = tuple(f"retina_coverage_{part} [%]" for part in PARTS)
 
 
-def rates(table: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return how fast the covered shares change over the last seconds: part of the retina -> points per second.
+def rates(table: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
+    """Return how fast the covered shares change over the last seconds, and the standard error, points per second.
 
-    Empty for tables without them, or too short.
+    Part of the retina -> both; empty for tables without the shares, or too short.
 
     Parameters
     ----------
@@ -24,17 +25,24 @@ def rates(table: Mapping[str, np.ndarray]) -> dict[str, float]:
     """
     time = table.get("time [s]", np.zeros(0))
     late = time >= time[-1] - REST_WINDOW - 1e-9 if len(time) else np.zeros(0, bool)
-    if np.count_nonzero(late) < 3 or np.ptp(time[late]) < 0.9 * REST_WINDOW or not all(one in table for one in COLUMNS):
+    if (np.count_nonzero(late) < FEWEST_FRAMES or np.ptp(time[late]) < 0.9 * REST_WINDOW
+            or not all(one in table for one in COLUMNS)):
         return {}
-    return {part: float(np.polyfit(time[late], table[name][late], 1)[0])
+    fits = {part: np.polyfit(time[late], table[name][late], 1, cov=True)
             for part, name in zip(PARTS, COLUMNS, strict=True) if np.isfinite(table[name][late]).all()}
+    return {part: (float(line[0]), float(np.sqrt(covariance[0, 0]))) for part, (line, covariance) in fits.items()}
+
+
+def rests(rate: float, error: float) -> bool:
+    """Tell whether a change of a covered share, and what it may be by its standard error, is that of rest."""
+    return abs(rate) + error <= REST_RATE
 
 
 def at_rest(table: Mapping[str, np.ndarray], events: Iterable[Event] = ()) -> bool:
     """Tell whether the covered shares hardly change any more, and nothing has happened meanwhile or is to come."""
     found = rates(table)
     begin = table["time [s]"][-1] - REST_WINDOW if found else 0.0
-    return bool(found) and max(map(abs, found.values())) <= REST_RATE and all(one.end <= begin + 1e-9 for one in events)
+    return bool(found) and all(rests(*one) for one in found.values()) and all(one.end <= begin + 1e-9 for one in events)
 
 
 def rest_in_words(table: Mapping[str, np.ndarray], ended: bool = True) -> str:
@@ -47,12 +55,13 @@ def rest_in_words(table: Mapping[str, np.ndarray], ended: bool = True) -> str:
     found = rates(table)
     if not found:
         return ""
-    part = max(found, key=lambda name: abs(found[name]))
-    rests = abs(found[part]) <= REST_RATE
-    said = (f"{'' if rests else 'not '}at rest: in the last {REST_WINDOW:g} s the covered share of the retina ({part}) "
-            f"changes by {found[part]:+.2g} points per second, {'less' if rests else 'more'} than {REST_RATE:g}")
+    part = max(found, key=lambda name: abs(found[name][0]) + found[name][1])
+    rate, error = found[part]
+    still = rests(rate, error)
+    said = (f"{'' if still else 'not '}at rest: in the last {REST_WINDOW:g} s the covered share of the retina ({part}) "
+            f"changes by {rate:+.2f} ± {error:.2f} points per second; rest is below {REST_RATE:g}")
     if ended:
-        said += ("; oil that creeps along the wall may need minutes all the same" if rests else
+        said += ("; oil that creeps along the wall may need minutes all the same" if still else
                  "; a longer output.duration shows where it ends")
     return said
 

@@ -380,9 +380,9 @@ def _rest_can_be_seen(eye: Eye | None, dimension: int, liquids: tuple[Material, 
         yield (("output", "until_rest"),
                "needs an eye with two liquids or more, in three dimensions: the covered share of the retina tells "
                "whether they rest")
-    elif output.frame_interval > 0.5 * REST_WINDOW:
+    elif output.frame_interval > REST_WINDOW / 3.0 + 1e-9:
         yield (("output", "frame_interval"),
-               f"is {output.frame_interval:g} s, but must be at most {0.5 * REST_WINDOW:g} s with until_rest, which "
+               f"is {output.frame_interval:g} s, but must be at most {REST_WINDOW / 3.0:g} s with until_rest, which "
                f"looks at the last {REST_WINDOW:g} s")
 
 

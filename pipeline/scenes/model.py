@@ -13,7 +13,7 @@ from sim.settings import Liquid, Numerics, Settings
 LENSES = ("phakic", "pseudophakic", "aphakic")
 SIDES = ("right", "left")
 AT_REST = "at_rest"  # the start of two liquids in an eye
-REST_WINDOW = 2.0  # s over which coverage is watched: in half a second, particles that pass the wall hide its change
+REST_WINDOW = 3.0  # s over which coverage is watched: in less, single particles at the wall hide its change
 REST_RATE = 0.5  # points of the retina per second, up to which a scene is called at rest
 SMALLEST_ANGLE, LARGEST_ANGLE = math.radians(5.0), math.radians(45.0)  # of contact: what a shape at rest is found for
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")

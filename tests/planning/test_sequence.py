@@ -138,7 +138,7 @@ def simulated(path, run, margin, rate=0.0):
     (run / "scene.json").write_text(scene.to_json())
     (run / "metrics.json").write_text(json.dumps({"metrics": [], "breaks": [
         {"name": scene.breaks[0].name, "margin_at_end [mm]": margin, "uncertainty [mm]": 0.5}]}))
-    times = np.linspace(0.0, 2.0, 21)
+    times = np.linspace(0.0, 4.0, 41)
     parts = [f"retina_coverage_{part} [%]" for part in ("whole", "superior", "inferior")]
     lines = [",".join(["frame", "time [s]", *parts]),
              *(f"{frame},{time},60,90,{30 + rate * time}" for frame, time in enumerate(times))]
@@ -170,8 +170,8 @@ def test_a_simulation_that_is_not_at_rest_is_named(asked):
     question, answer, path, run = asked
     simulated(path, run, 1.2, rate=-2.0)
     _, sentence = confirm.confirmation(path, question, answer, run.parents[1])
-    assert sentence.startswith("It is not at rest: in the last 2 s the covered share of the retina (inferior) "
-                               "changes by -2 points per second")
+    assert sentence.startswith("It is not at rest: in the last 3 s the covered share of the retina (inferior) "
+                               "changes by -2.00 ± 0.00 points per second")
 
 
 @pytest.mark.parametrize("name", ["silicone_oil_1000", "heavy_oil_densiron_68"])
