@@ -263,15 +263,15 @@ def main(arguments: list[str] | None = None) -> None:
     courses = courses_of(table, scene)
     for course in courses:
         print(f"{scene.name}: {course.sentence()}", flush=True)
-    if rest := rest_in_words(table):
-        print(f"{scene.name}: {rest}", flush=True)
     shown = shown_metrics(table, metrics_of(scene))
     events = events_of(scene, table, float(initial["cavity_volume"]))
+    if rest := rest_in_words(table, events):
+        print(f"{scene.name}: {rest}", flush=True)
     title = f"{scene.title or scene.name} ({scene.accuracy})"
     if options.meanings:
         write_meanings(options.meanings, metrics_of(scene), [course.record() for course in courses])
     if options.summary:
-        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title), courses)
+        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title), courses, rest)
     if options.plots:
         write_plots(options.plots, shown, table, events, title)
 

@@ -28,9 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     scene, initial = load_resolved(options.scene), load_initial(options.initial)
     table = course_of_coverage(scene, initial, [path for folder in options.folders for path in find_frames(folder)])
-    rests = at_rest(table, events_of(scene, table, float(initial["cavity_volume"])))
-    said = rest_in_words(table, ended=False) or "not known yet whether it is at rest"
-    record = {"at_rest": rests, "time": float(table["time [s]"][-1]), "said": said}
+    events = events_of(scene, table, float(initial["cavity_volume"]))
+    said = rest_in_words(table, events, ended=False) or "not known yet whether it is at rest"
+    record = {"at_rest": at_rest(table, events), "time": float(table["time [s]"][-1]), "said": said}
     write_text(options.output, json.dumps(record, indent=1) + "\n")
     print(f"{scene.name}, after {record['time']:g} s: {said}", flush=True)
 

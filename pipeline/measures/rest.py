@@ -10,12 +10,12 @@ from pipeline.measures.frame_view import Measured
 from pipeline.scenes.model import REST_RATE, REST_WINDOW, Scene
 
 PARTS = ("whole", "superior", "inferior")
-FEWEST_FRAMES = 4  # of which a change and its error are told
+FEWEST_FRAMES, SHORTEST = 4, 0.5  # frames, and s, of which a change and its error are told
 COLUMNS = tuple(f"retina_coverage_{part} [%]" for part in PARTS)
 
 
-def rates(table: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
-    """Return how fast the covered shares change over the last seconds, and the standard error, points per second.
+def rates(table: Mapping[str, np.ndarray], since: float) -> dict[str, tuple[float, float]]:
+    """Return how fast the covered shares change since a time, s, and the standard error, points per second.
 
     Part of the retina -> both; empty for tables without the shares, or too short.
 
@@ -24,13 +24,21 @@ def rates(table: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
     table : metrics, column -> (frames,).
     """
     time = table.get("time [s]", np.zeros(0))
-    late = time >= time[-1] - REST_WINDOW - 1e-9 if len(time) else np.zeros(0, bool)
-    if (np.count_nonzero(late) < FEWEST_FRAMES or np.ptp(time[late]) < 0.9 * REST_WINDOW
+    late = time >= since - 1e-9
+    if (np.count_nonzero(late) < FEWEST_FRAMES or np.ptp(time[late]) < 0.9 * SHORTEST
             or not all(one in table for one in COLUMNS)):
         return {}
     fits = {part: np.polyfit(time[late], table[name][late], 1, cov=True)
             for part, name in zip(PARTS, COLUMNS, strict=True) if np.isfinite(table[name][late]).all()}
     return {part: (float(line[0]), float(np.sqrt(covariance[0, 0]))) for part, (line, covariance) in fits.items()}
+
+
+def quiet_since(table: Mapping[str, np.ndarray], events: Iterable[Event]) -> float:
+    """Return from when on a table is looked at, s: the last seconds, but not before the end of what happened last."""
+    time = table.get("time [s]", np.zeros(0))
+    if not len(time):
+        return 0.0
+    return float(max(time[0], time[-1] - REST_WINDOW, *(one.end for one in events if one.begin <= time[-1])))
 
 
 def rests(rate: float, error: float) -> bool:
@@ -40,26 +48,33 @@ def rests(rate: float, error: float) -> bool:
 
 def at_rest(table: Mapping[str, np.ndarray], events: Iterable[Event] = ()) -> bool:
     """Tell whether the covered shares hardly change any more, and nothing has happened meanwhile or is to come."""
-    found = rates(table)
-    begin = table["time [s]"][-1] - REST_WINDOW if found else 0.0
-    return bool(found) and all(rests(*one) for one in found.values()) and all(one.end <= begin + 1e-9 for one in events)
+    events = list(events)
+    since = quiet_since(table, events)
+    found = rates(table, since)
+    return (bool(found) and table["time [s]"][-1] - since > 0.9 * REST_WINDOW
+            and all(one.end <= since + 1e-9 for one in events) and all(rests(*one) for one in found.values()))
 
 
-def rest_in_words(table: Mapping[str, np.ndarray], ended: bool = True) -> str:
+def rest_in_words(table: Mapping[str, np.ndarray], events: Iterable[Event] = (), ended: bool = True) -> str:
     """Return one sentence on how fast the covered retina still changes; empty for tables without it, or too short.
 
     Parameters
     ----------
+    events : what happens in the scene.
     ended : the scene ends here; then what else there is to know is told.
     """
-    found = rates(table)
+    events = list(events)
+    since = quiet_since(table, events)
+    found = rates(table, since)
     if not found:
         return ""
     part = max(found, key=lambda name: abs(found[name][0]) + found[name][1])
     rate, error = found[part]
-    still = rests(rate, error)
-    said = (f"{'' if still else 'not '}at rest: in the last {REST_WINDOW:g} s the covered share of the retina ({part}) "
-            f"changes by {rate:+.2f} ± {error:.2f} points per second; rest is below {REST_RATE:g}")
+    still = at_rest(table, events)
+    known = "at rest" if still else "not known to be at rest" if rests(rate, error) else "not at rest"
+    said = (f"{known}: in the last {table['time [s]'][-1] - since:.3g} s the covered share of the retina ({part}) "
+            f"changes by {rate:+.2f} ± {error:.2f} points per second; rest is below "
+            f"{REST_RATE:g} for {REST_WINDOW:g} s")
     if ended:
         said += ("; oil that creeps along the wall may need minutes all the same" if still else
                  "; a longer output.duration shows where it ends")

@@ -8,13 +8,12 @@ from markupsafe import Markup
 from pipeline.base import page
 from pipeline.base.files import write_text
 from pipeline.measures.place_course import EXPLAINED, HEADS, IN_A_LAPSE, Course
-from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.model import Scene
 
 
 def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.ndarray], scene: Scene,
-                  sheet: bytes, courses: Sequence[Course] = ()) -> None:
+                  sheet: bytes, courses: Sequence[Course] = (), rest: str = "") -> None:
     """Write a page with one row per column that changes, and a table of those that do not.
 
     Parameters
@@ -22,13 +21,14 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
     shown : metrics in the order of interest.
     sheet : the plots that matter most, as PNG.
     courses : of the breaks of the scene.
+    rest : whether it is at rest at its end, in words.
     """
     title = scene.title or scene.name
     write_text(path, page.page(f"{title}: metrics", [
         page.paragraph(scene.description),
         page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
                        f"{1e3 * scene.numerics.particle_spacing:g} mm."),
-        page.paragraph(rest_in_words(table).capitalize()),
+        page.paragraph(f"{rest[:1].upper()}{rest[1:]}." if rest else ""),
         *breaks_over_time(courses),
         page.picture(sheet, f"{title}: the metrics that matter most over time"),
         page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "

@@ -60,7 +60,7 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
     scene = run.scene
     return page.page(f"{run.title}: {scene.accuracy}", [
         page.paragraph(scene.description), page.paragraph(page.bold(scene.label)) if scene.label else "",
-        _numbers(run, shown),
+        _numbers(run, shown, events),
         Markup('<div class="wide">{}{}</div>').format(_movie(run), _scrubber(run)),
         _turning(run), _fundus(run),
         page.section("Over time"), _curves(run, shown, events),
@@ -73,7 +73,7 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
         head=POLICY)
 
 
-def _numbers(run: Run, shown: Sequence[Shown]) -> Markup:
+def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Markup:
     found = headlines_of(run.scene, shown)
     items = Markup("\n").join(Markup("<li><b>{}</b>{}</li>").format(one.number, one.meaning) for one in found)
     said = [f"At the end ({clock(run.table[TIME][-1], run.scene.output.second_means)}), at accuracy "
@@ -83,7 +83,7 @@ def _numbers(run: Run, shown: Sequence[Shown]) -> Markup:
                     "read, not how far it is from the exact one.")
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
-    rest = rest_in_words(run.table)
+    rest = rest_in_words(run.table, events)
     breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
     return Markup('<ul class="numbers">{}</ul>{}{}').format(
         items, breaks, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",

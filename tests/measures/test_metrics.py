@@ -332,6 +332,13 @@ def test_what_happens_late_or_is_to_come_keeps_a_scene_from_its_rest(begin, end,
     assert rest.at_rest(still, [Event("a turn", begin, end)]) == rests
 
 
+def test_what_moved_the_oil_before_does_not_count_as_its_unrest():
+    """A scene that ends a second after a turn tells of that second, and that it is too short."""
+    turned = table_of(lambda t: np.where(t < 3.0, 20.0 * t, 60.0 + 0.1 * t))
+    words = rest.rest_in_words(turned, [Event("a turn", 2.5, 3.0)])
+    assert words.startswith("not known to be at rest: in the last 1 s") and "changes by +0.10 ± 0.00 points" in words
+
+
 def test_every_metric_is_explained(capsys):
     with pytest.raises(SystemExit) as end:
         metrics.main(["--list"])
