@@ -51,7 +51,7 @@ def at_rest(table: Mapping[str, np.ndarray], events: Iterable[Event] = ()) -> bo
     events = list(events)
     since = quiet_since(table, events)
     found = rates(table, since)
-    return (bool(found) and table["time [s]"][-1] - since > 0.9 * REST_WINDOW
+    return (bool(found) and float(table["time [s]"][-1]) - since > 0.9 * REST_WINDOW
             and all(one.end <= since + 1e-9 for one in events) and all(rests(*one) for one in found.values()))
 
 
