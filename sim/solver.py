@@ -344,8 +344,7 @@ class Solver:
         self.timed("pressure", self.scheme.measure)
         self._run("prepare", dt)
         statistics = self.scheme.step(dt)
-        self._run("finish", dt)
-        return statistics
+        return statistics | self._run("finish", dt)
 
     def accelerate(self, dt: float) -> None:
         """Add the accelerations of the effects to the velocity."""

@@ -21,6 +21,7 @@ from sim.solver import Solver
 SPACING = 1e-3
 RADIUS = 10e-3
 TANK_END = 0.02     # s
+FILM_END = 0.08     # s; ends of its columns change places from 0.03 s on
 INJECTION_END = 0.12  # s; from the droplet of some 8 % the fill is reached near 0.09 s
 AQUEOUS = Liquid("aqueous", 1005.0, 1e-3)
 OIL = Liquid("oil", 970.0, 1.0)
@@ -135,6 +136,15 @@ def tank(arrays, precision: str) -> Solver:
     return build(arrays, effects=effects, phase=lambda x: x[:, 0] < 0.0, precision=precision)
 
 
+def film(arrays, precision: str) -> Solver:
+    """Return a circle of oil over a pool of aqueous, with a layer of aqueous one particle thick on all of its wall."""
+    effects = (parameters("gravity"), parameters("viscosity_implicit"), parameters("wall_film"),
+               parameters("interface_tension", coefficient=0.04, contact_angle=math.radians(25.0)))
+    def phase(x):
+        return (x[:, 1] > -0.6 * RADIUS) & (np.linalg.norm(x, axis=1) < RADIUS - SPACING)
+    return build(arrays, effects=effects, phase=phase, precision=precision)
+
+
 def injected(arrays, precision: str, more=(), **changes) -> Solver:
     """Return a cavity full of aqueous into which oil flows, with more effects."""
     volume = float(arrays["cavity_volume"])
@@ -181,6 +191,14 @@ def main(precision: str, threads: str, source: str, target: str, case: str) -> N
         run(solver, 0.5 * TANK_END)
         run(solver, TANK_END)
         results |= {f"tank.{name}": values for name, values in solver.state().items()}
+    if case == "film":  # with a restart in between, by a solver that knows nothing but the state
+        solver = film(arrays, precision)
+        run(solver, 0.5 * FILM_END)
+        middle = solver.state()
+        solver = anew(film, arrays, precision)
+        solver.restore(middle)
+        run(solver, FILM_END)
+        results |= {f"film.{name}": values for name, values in solver.state().items()}
     if case == "injection":
         results |= {f"injection.{name}": values for name, values in watched(injected(arrays, precision)).items()}
     if case == "kernels":

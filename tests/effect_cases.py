@@ -17,6 +17,7 @@ ACTIVE = {
     "gravity": {},
     "eye_rotation": {"oscillation": Oscillation(math.radians(10.0), 5.0, (0.0, 0.0, 1.0))},
     "interface_tension": {"coefficient": 0.04},
+    "wall_film": {},
     "cohesion": {"gamma": 10.0},
     "curvature": {"gamma": 10.0},
     "adhesion": {"beta": 10.0},
@@ -34,6 +35,7 @@ ZERO = {
     "gravity": {"magnitude": 0.0},
     "eye_rotation": {"saccades": (Saccade(0.0, 0.0, (0.0, 0.0, 1.0)),)},
     "interface_tension": {"coefficient": 0.0},
+    "wall_film": {"coefficient": 0.0},
     "cohesion": {"gamma": 0.0},
     "curvature": {"gamma": 0.0},
     "adhesion": {"beta": 0.0},
@@ -46,5 +48,7 @@ ZERO = {
     "viscoelastic": {"liquids": (ElasticLiquid("oil", 0.0),)},
     "xsph": {"coefficient": 0.0},
 }
+# What an effect needs beside it to act.
+BESIDE = {"wall_film": ("gravity", "interface_tension")}
 THIN, THICK, DROPLETS = Liquid("aqueous", 1005.0, 1.0), Liquid("oil", 970.0, 3.0), Liquid("droplets", 970.0, 3.0)
 INVISCID = (Liquid("aqueous", 1005.0, 0.0), Liquid("oil", 970.0, 0.0), Liquid("droplets", 970.0, 0.0))

@@ -14,6 +14,7 @@ from sim.effects.interface_tension import InterfaceTension
 from sim.effects.viscoelastic import Viscoelastic
 from sim.effects.viscosity import Viscosity
 from sim.effects.viscosity_implicit import ViscosityImplicit
+from sim.effects.wall_film import WallFilm
 from sim.effects.xsph import Xsph
 
 # In the order in which the solver calls them.
@@ -24,6 +25,7 @@ REGISTRY: dict[str, type[Effect]] = {
         Gravity,
         EyeRotation,
         InterfaceTension,
+        WallFilm,
         Cohesion,
         Curvature,
         Adhesion,

@@ -296,8 +296,10 @@ class Effect:
         """Change the velocity after the accelerations and before the pressure; return statistics."""
         return {}
 
-    def finish(self, dt: float) -> None:
-        """Change the state once the positions have moved; neighbor rows are those of the start of the step."""
+    def finish(self, dt: float) -> dict[str, float] | None:
+        """Change the state once the positions have moved; neighbor rows are those of the start of the step. May return
+        statistics.
+        """
 
     # Hooks on the device.
 

@@ -3,7 +3,7 @@ import dataclasses
 
 import cavities
 import pytest
-from effect_cases import ACTIVE, INVISCID, SHEDDING, ZERO
+from effect_cases import ACTIVE, BESIDE, INVISCID, SHEDDING, ZERO
 
 from pipeline.cavity.container import container_arrays
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
@@ -19,14 +19,15 @@ NUMERICS = Numerics(particle_spacing=1e-3)
 
 
 def settings_of(name, values, liquids=(THIN, THICK, DROPLETS), **more) -> Settings:
-    """Return settings with one effect."""
-    return Settings(2, tuple(liquids), NUMERICS, (cavities.parameters(name, **values),), **more)
+    """Return settings with one effect, the last one, and with what it needs to act."""
+    effects = [cavities.parameters(other, **ACTIVE[other]) for other in BESIDE.get(name, ())]
+    return Settings(2, tuple(liquids), NUMERICS, (*effects, cavities.parameters(name, **values)), **more)
 
 
 def kept(settings) -> tuple[bool, str]:
-    """Return whether the one effect stays, and what is said if not."""
+    """Return whether the last effect stays, and what is said if not."""
     left, notes = without_idle(settings)
-    return bool(left.effects), "".join(notes)
+    return settings.effects[-1] in left.effects, "".join(notes)
 
 
 @pytest.mark.parametrize("name", REGISTRY)
@@ -45,6 +46,7 @@ def test_effect_with_a_zero_coefficient_is_left_out_and_the_reason_said(name):
     ("drift", {"droplet_diameter": 1e-4}, [dataclasses.replace(THIN, density=970.0), THICK, DROPLETS],
      "the densities of the liquids do not differ"),
     ("collision", {}, [THIN], "there is one liquid only"),
+    ("wall_film", {}, [dataclasses.replace(THIN, density=970.0), THICK], "the liquids weigh the same"),
     ("cohesion", {"tension": 0.0}, [THIN, THICK], "its coefficient is 0"),
     ("contact_line_emulsification", SHEDDING | {"saccade_rate": 0.0}, [THIN, THICK, DROPLETS], "saccade_rate is 0"),
 ])

@@ -267,6 +267,9 @@ class LevelSet:
         for n in range(self.grid.size):
             self.weight[n] = 0.0
             self.phi_next[n] = 0.0
+            # An edge far from the interface can be crossed where a label changes; its nodes would know earlier steps.
+            self.curvature[n] = 0.0
+            self.normal[n] = ti.Vector([0.0] * self.dimension)
             if ti.static(self.mixes):
                 self.contrast[n] = 0.0
             self.phi[n] = FAR * self.spacing * ti.select(self.phi[n] > 0.0, 1.0, -1.0)
