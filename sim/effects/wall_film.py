@@ -32,7 +32,7 @@ THICK = 0.3  # share of a liquid among the neighbors deeper by half a spacing, f
 # ends of a thin lens (95 % oil in a circle) are taken for film
 ALONE = 0.25  # share of its like around a particle below which it is a bead, which may hover farther from the wall
 BEAD_DEPTH = 2.2  # largest distance of a bead from the wall, in spacings; that of film is 1
-NEXT = 1.7  # reach along the wall from a particle of film to the next, in spacings
+NEXT = 2.0  # reach along the wall from a particle of film to the next, in spacings
 STEEP = 0.6  # least cosine between the way there and the way down
 SMALLEST_ANGLE = math.radians(5.0)  # between wall and interface: the wedge of this one is 12 spacings long
 PASS = 0.9  # of a support radius: way along the wall that one pass over the neighbors surely sees
@@ -262,8 +262,9 @@ class WallFilm(Effect):
             self.particles.way_to_thick[i] = self.particles.way_to_thick_next[i] = ti.select(kind == DEEP, 0.0, FAR)
             if kind != THIN:
                 self.particles.film_way[i] = 0.0
+            if kind == DEEP:
                 self.particles.film_time[i] = 0.0
-            elif self.particles.film_time[i] >= 0.0:
+            elif kind == THIN and self.particles.film_time[i] >= 0.0:
                 self.particles.film_time[i] += dt
         for block in range(blocks(members)):
             found = 0
@@ -306,7 +307,7 @@ class WallFilm(Effect):
         for t in range(self.thin_count[None]):
             i = self.thin[t]
             down = self.particles.film_direction[i]
-            below, best, ends = -1, -FAR, True
+            below, best, ends = -1, FAR, True
             for slot in range(self.pairs.count[i]):
                 j = self.pairs.index[self.pairs.entry(i, slot)]
                 if self.particles.film_kind[j] != OFF:
@@ -314,9 +315,8 @@ class WallFilm(Effect):
                     length = away.norm()
                     along = away.dot(down)
                     if length < NEXT * self.spacing:
-                        score = along - 0.5 * ti.sqrt(ti.max(length**2 - along**2, 0.0))
-                        if along > STEEP * length and score > best:
-                            below, best = j, score
+                        if along > STEEP * length and 2.0 * length - along < best:
+                            below, best = j, 2.0 * length - along
                         ends = ends and along > -STEEP * length
             self.particles.film_next[i] = below  # (F3)
             if ends and self.particles.film_member[i] == MEMBER:
@@ -354,15 +354,14 @@ class WallFilm(Effect):
     @ti.func
     def _other_below(self, i):
         """Neighbor of the other liquid on the wall that is farthest down the way, -1 for none."""
-        found, best = -1, -FAR
+        found, best = -1, FAR
         for slot in range(self.pairs.count[i]):
             j = self.pairs.index[self.pairs.entry(i, slot)]
             if not self._wets(j) and self.particles.wall_distance[j] < self.spacing:
                 away = self.particles.position[j] - self.particles.position[i]
                 length, along = away.norm(), away.dot(self.particles.film_direction[i])
-                score = along - 0.5 * ti.sqrt(ti.max(length**2 - along**2, 0.0))
-                if length < NEXT * self.spacing and along > STEEP * length and score > best:
-                    found, best = j, score
+                if length < NEXT * self.spacing and along > STEEP * length and 2.0 * length - along < best:
+                    found, best = j, 2.0 * length - along
         return found
 
     @ti.func
@@ -443,13 +442,16 @@ class WallFilm(Effect):
         ti.loop_config(serialize=True)
         for _ in range(1):
             changes = 0
+            if begins == 1:
+                for t in range(self.thin_count[None]):
+                    if self.particles.film_member[self.thin[t]] != 0:
+                        self.particles.film_time[self.thin[t]] = -1.0
             for e in range(self.end_count[None]):
                 end = self.ends[e]
                 i, steps = end, 0
                 while i >= 0 and steps < LONGEST_COLUMN:
                     if self.particles.film_time[i] >= 0.0:
-                        if begins == 0:
-                            self.particles.film_way[end] += ti.max(self.spacing - self._left_behind(i), 0.0)  # (F7)
+                        self.particles.film_way[end] += ti.max(self.spacing - self._left_behind(i), 0.0)  # (F7)
                         self.particles.film_time[i] = -1.0
                     steps += 1
                     i = self._next_of_film(i)

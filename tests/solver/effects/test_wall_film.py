@@ -5,14 +5,13 @@ import cavities
 import numpy as np
 import pytest
 
-from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from sim.settings import Liquid
 
 pytestmark = pytest.mark.usefixtures("taichi")
 SPACING = cavities.SPACING
 AQUEOUS, OIL = Liquid("aqueous", 1005.0, 7e-4), Liquid("oil", 970.0, 1.0)
 TENSION, ANGLE = 0.04, math.radians(18.2)
-WIDTH, HEIGHT, POOL = 10.0 * SPACING, 26.0 * SPACING, 6.0 * SPACING
+WIDTH, HEIGHT, POOL = 10.0 * SPACING, 32.0 * SPACING, 5.0 * SPACING
 LUBRICATION = 35.0 * 9.81 * SPACING**2 / (12.0 * AQUEOUS.dynamic_viscosity)  # m/s: 41 mm/s
 
 
@@ -29,10 +28,10 @@ def plate(posture="upright", film=True, filmed=True):
 
 
 def rows_left(solver) -> int:
-    """Number of film particles well above the pool."""
+    """Number of film particles above the wedge that ends in the pool."""
     position, phase = cavities.read(solver, "position", "phase")
     on_plate = position[:, 0] < -0.5 * WIDTH + SPACING
-    return int((on_plate & (phase == 0) & (position[:, 1] > -0.5 * HEIGHT + POOL + 3.0 * SPACING)).sum())
+    return int((on_plate & (phase == 0) & (position[:, 1] > -0.5 * HEIGHT + POOL + 7.0 * SPACING)).sum())
 
 
 def effect_of(solver):
@@ -43,7 +42,7 @@ def effect_of(solver):
 def emptied(circle):
     """Return the rows of film on an upright plate in every step, and their times."""
     solver = plate()
-    rows = cavities.run(solver, 0.36, lambda solver: (solver.time, rows_left(solver)))
+    rows = cavities.run(solver, 0.5, lambda solver: (solver.time, rows_left(solver)))
     return np.array(rows).T
 
 
@@ -58,7 +57,7 @@ def test_film_on_a_plate_slides_off_as_fast_as_lubrication(emptied):
 def test_film_stays_without_the_model():
     solver = plate(film=False)
     before = rows_left(solver)
-    cavities.run(solver, 0.36)
+    cavities.run(solver, 0.5)
     assert rows_left(solver) > 0.4 * before
 
 
@@ -143,18 +142,3 @@ def test_restarts_and_threads_change_no_bit(circle, elsewhere):
     found = elsewhere("f64", 2, "film")
     for name, values in solver.state().items():
         np.testing.assert_array_equal(found[f"film.{name}"], values, err_msg=name)
-
-
-@pytest.mark.parametrize(("changes", "words"), [
-    ("liquids: [aqueous, air]\n", "cannot be used where one liquid is more than 2 times as dense as the other, as beside gas"),
-    ("effects:\n  interface_tension: {contact_angle: 3 deg}\n",
-     "cannot be used with a contact angle of 3 deg, but from 5 to 175 deg"),
-    ("effects:\n  interface_tension: null\n  diffusion: {coefficient: 1e-9 m**2/s}\n",
-     "cannot be used together with wall_film: a film is told by liquids that do not mix"),
-], ids=["gas", "angle", "mixture"])
-def test_scene_in_which_there_is_no_such_film_is_refused(tmp_path, changes, words):
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(f"extends: {PROJECT_CONFIG}/scenes/resting_eye\n{changes}")
-    with pytest.raises(Exception, match=words.replace("(", r"\(")) as error:
-        load_scene(scene, "draft")
-    assert "wall_film" in str(error.value)
