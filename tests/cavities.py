@@ -21,7 +21,7 @@ from sim.solver import Solver
 SPACING = 1e-3
 RADIUS = 10e-3
 TANK_END = 0.02     # s
-FILM_END = 0.08     # s; ends of its columns change places from 0.03 s on
+FILM_END = 0.3      # s; ends of its columns change places from 0.08 s on
 INJECTION_END = 0.12  # s; from the droplet of some 8 % the fill is reached near 0.09 s
 AQUEOUS = Liquid("aqueous", 1005.0, 1e-3)
 OIL = Liquid("oil", 970.0, 1.0)
@@ -137,11 +137,12 @@ def tank(arrays, precision: str) -> Solver:
 
 
 def film(arrays, precision: str) -> Solver:
-    """Return a circle of oil over a pool of aqueous, with a layer of aqueous one particle thick on all of its wall."""
+    """Return a circle of oil over a pool of aqueous, with a layer of aqueous one particle thick on its sides."""
     effects = (parameters("gravity"), parameters("viscosity_implicit"), parameters("wall_film"),
                parameters("interface_tension", coefficient=0.04, contact_angle=math.radians(25.0)))
     def phase(x):
-        return (x[:, 1] > -0.6 * RADIUS) & (np.linalg.norm(x, axis=1) < RADIUS - SPACING)
+        in_film = (np.linalg.norm(x, axis=1) > RADIUS - SPACING) & (x[:, 1] < 0.6 * RADIUS)
+        return (x[:, 1] > -0.7 * RADIUS) & ~in_film
     return build(arrays, effects=effects, phase=phase, precision=precision)
 
 

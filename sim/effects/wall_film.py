@@ -307,6 +307,8 @@ class WallFilm(Effect):
         for t in range(self.thin_count[None]):
             i = self.thin[t]
             down = self.particles.film_direction[i]
+            weight = self.weight[None] / self.weight[None].norm()
+            slope = down.dot(weight)
             below, best, ends = -1, FAR, True
             for slot in range(self.pairs.count[i]):
                 j = self.pairs.index[self.pairs.entry(i, slot)]
@@ -317,7 +319,7 @@ class WallFilm(Effect):
                     if length < NEXT * self.spacing:
                         if along > STEEP * length and 2.0 * length - along < best:
                             below, best = j, 2.0 * length - along
-                        ends = ends and along > -STEEP * length
+                        ends = ends and -away.dot(weight) < STEEP * slope * length  # around a top all are ends
             self.particles.film_next[i] = below  # (F3)
             if ends and self.particles.film_member[i] == MEMBER:
                 self.particles.film_member[i] = END
@@ -432,13 +434,12 @@ class WallFilm(Effect):
         """
         for e in range(self.end_count[None]):
             end = self.ends[e]
-            i, steps, by_itself = end, 0, 0.0
+            i, steps, lag = end, 0, 0.0
             while i >= 0 and steps < LONGEST_COLUMN:
-                by_itself += self.particles.velocity[i].dot(self.particles.film_direction[i])
+                lag += self.particles.film_speed[i] - self.particles.velocity[i].dot(self.particles.film_direction[i])
                 steps += 1
                 i = self._next_of_film(i)
-            speed = ti.max(self.particles.film_speed[end] - by_itself / steps, 0.0)
-            self.particles.film_way[end] += dt * speed  # (F4)
+            self.particles.film_way[end] += dt * ti.max(lag / steps, 0.0)  # (F4)
         ti.loop_config(serialize=True)
         for _ in range(1):
             changes = 0
@@ -455,7 +456,7 @@ class WallFilm(Effect):
                         self.particles.film_time[i] = -1.0
                     steps += 1
                     i = self._next_of_film(i)
-                if self.particles.film_way[end] + 0.5 * dt * self.particles.film_speed[end] >= self.spacing:
+                if self.particles.film_way[end] >= self.spacing:
                     other = self._partner(end)
                     if other >= 0:
                         way = self.particles.position[other] - self.particles.position[end]

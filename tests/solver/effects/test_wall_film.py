@@ -31,7 +31,7 @@ def rows_left(solver) -> int:
     """Number of film particles above the wedge that ends in the pool."""
     position, phase = cavities.read(solver, "position", "phase")
     on_plate = position[:, 0] < -0.5 * WIDTH + SPACING
-    return int((on_plate & (phase == 0) & (position[:, 1] > -0.5 * HEIGHT + POOL + 7.0 * SPACING)).sum())
+    return int((on_plate & (phase == 0) & (position[:, 1] > -0.5 * HEIGHT + POOL + 6.0 * SPACING)).sum())
 
 
 def effect_of(solver):
