@@ -137,8 +137,9 @@ def test_liquid_on_the_wall_at_rest_is_no_film():
 def test_restarts_and_threads_change_no_bit(circle, elsewhere):
     """In another process, by two threads, with a restart by a solver that knows the state alone."""
     solver = cavities.film(circle, "f64")
-    exchanges = sum(cavities.run(solver, cavities.FILM_END, lambda solver: solver.statistics["film_exchanges"]))
-    assert exchanges >= 8
+    exchanges = [sum(cavities.run(solver, until, lambda solver: solver.statistics["film_exchanges"]))
+                 for until in (0.5 * cavities.FILM_END, cavities.FILM_END)]
+    assert exchanges[0] >= 2 and exchanges[1] >= 6
     found = elsewhere("f64", 2, "film")
     for name, values in solver.state().items():
         np.testing.assert_array_equal(found[f"film.{name}"], values, err_msg=name)
