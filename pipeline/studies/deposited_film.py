@@ -25,7 +25,7 @@ from pipeline.cavity.lattice import deepest_points
 from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.cavity.wall_layers import wall_layers
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
-from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, packed
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, film_exchanges, packed
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -55,14 +55,15 @@ class Parameters(PackedParameters):
     capillary_number: float = parameter(1e-4, exclusive_minimum=0.0, maximum=1e-2,
                                         meaning="viscosity of the aqueous times speed of the front over tension")
     front: str = parameter("down", choices=("down", "up"), meaning="way of the front, with the oil behind it")
-    wall_film: bool = parameter(True, meaning="whether films slide as a whole")
+    film: str = parameter("slides", choices=("slides", "stays"),
+                          meaning="whether films slide as a whole, or only as their particles do")
     resolutions: tuple[int, ...] = parameter((8,), minimum=4, meaning="particles along the radius, coarse to fine")
 
 
 def run(case: Parameters) -> Outcome:
     """Measure what is left on the wall at every resolution."""
     outcome = Outcome()
-    name = f"{case.dimension}D front {case.front}" + ("" if case.wall_film else ", films do not slide")
+    name = f"{case.dimension}D front {case.front}" + ("" if case.film == "slides" else ", film left alone")
     for resolution in case.resolutions:
         result = _drive(case, resolution)
         outcome.remarks += result.remarks(f"{name}, Ca {case.capillary_number:g}")
@@ -98,7 +99,7 @@ def _rows(case: Parameters, result: Run) -> list[Row]:
             Row("film behind by theory, times 4^(2/3) / spacing", film_behind(case, THICKEST) / spacing, **common),
             Row("way of the front / radius", float(result.values("front")[-1]) / case.radius, reference=TRAVEL,
                 error=abs(float(result.values("front")[-1]) / case.radius - TRAVEL), **common)]
-    if case.wall_film:
+    if case.film == "slides":
         rows.append(Row("particles that changed places", float(result.values("exchanges").sum()), **common))
     return rows + result.rows()
 
@@ -143,7 +144,7 @@ def _drive(case: Parameters, resolution: int) -> Run:
         around = 2.0 if case.dimension == 2 else 2.0 * np.pi * radius
         thickness = volume[counted].sum() / (around * max(behind[1] - behind[0], spacing))
         return {"front": float(front), "left": float(thickness / spacing),
-                "exchanges": solver.statistics["film_exchanges"] if case.wall_film and solver.step_count else 0.0}
+                "exchanges": film_exchanges(solver)}
 
     tip = heading * (radius - half)
     effects: dict[str, Any] = {
@@ -152,7 +153,7 @@ def _drive(case: Parameters, resolution: int) -> Run:
                       "cannula": (0.0, tip, 0.0), "drain": (0.0, -tip, 0.0), "radius": 0.5 * radius},
         "gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
         "interface_tension": {"coefficient": TENSION, "contact_angle": CONTACT_ANGLE}}
-    if case.wall_film:
+    if case.film == "slides":
         effects["wall_film"] = {}
     solver = build(case, arrays, liquids=(AQUEOUS, OIL), effects=effects, phase=lambda x: way(x) < START * radius,
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.measures.coverage import WallContact
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
-from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
+from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, film_exchanges
 from pipeline.study_kit.young_laplace import Profile, oil_at_rest
 from sim.parameters import parameter
 from sim.settings import Liquid
@@ -110,7 +110,6 @@ def _rest(case: Parameters, exact: Profile, resolution: int, films: bool) -> Run
                                      particle_spacing=spacing, support_radius=solver.support_radius,
                                      contact_angle=float(CONTACT_ANGLE))
             last.update(coverage=contact.covered_share(), until=solver.time + case.duration / READINGS)
-        return {"coverage": last["coverage"],
-                "exchanges": solver.statistics["film_exchanges"] if films and solver.step_count else 0.0}
+        return {"coverage": last["coverage"], "exchanges": film_exchanges(solver)}
 
     return advance(solver, case.duration, f"R/dx={resolution}", watch)

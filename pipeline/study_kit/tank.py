@@ -240,6 +240,11 @@ def field(solver: Solver, name: str) -> np.ndarray:
     return solver.particles.to_numpy(name).astype(float)
 
 
+def film_exchanges(solver: Solver) -> float:
+    """Exchanges of places by which film slid in the last step; 0 before the first, and where none slides."""
+    return solver.statistics.get("film_exchanges", 0.0)
+
+
 def motion(solver: Solver) -> dict[str, float]:
     """Kinetic energy, J/m, root mean square speed, m/s, and height of the center of mass, m."""
     mass, velocity, position = (field(solver, name) for name in ("mass", "velocity", "position"))
