@@ -15,8 +15,8 @@ has at rest between two plates: with y along the plates and x from one to the ot
 and sin phi = -cos theta and cos theta at the plates (Young and Laplace), whatever y is counted from. The film begins
 where it meets the plate, and is counted from where it does so with all of the film in the pool.
 
-A level plate has no down. What is on it stays, and where the film has a hole, the hole grows as fast as a contact line
-moves at most (I11) [cox1986], which ends the film on the side of the oil.
+A level plate has no down. What is on it stays. Where the film has a hole, its edges are contact lines, which leave the
+wall no faster than viscosity lets them [cox1986] (``sim.effects.parts.contact_line``).
 """
 import dataclasses
 from typing import Any
