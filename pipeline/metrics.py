@@ -22,6 +22,7 @@ from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, place_metrics, rotation_metrics
 from pipeline.measures.events import events_of
+from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import MIXED, Measured
 from pipeline.measures.isolation import isolated
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
@@ -116,8 +117,8 @@ def time_step(state):
     return state.statistic("time_step")
 
 
-@metric("%", "share of the whole wall that the oil touches", of_eye=True, place=4, uncertainty="wall_coverage_band",
-        limits=(0.0, 100.0))
+@metric("%", "share of the whole wall that is under oil, which touches it or a film too thin for the particles",
+        of_eye=True, place=4, uncertainty="wall_coverage_band", limits=(0.0, 100.0))
 def wall_coverage(state):
     return 100 * state.wall.covered_share()
 
@@ -128,7 +129,7 @@ def wall_coverage_band(state):
     return 100 * state.wall.band_share()
 
 
-@metric("deg", "arc of the wall that the oil touches in the sagittal plane, seen from the center of the eye",
+@metric("deg", "arc of the wall that is under oil in the sagittal plane, seen from the center of the eye",
         of_eye=True, place=5, uncertainty="contact_arc_band", limits=(0.0, 360.0))
 def contact_arc(state):
     return state.wall.contact_arc()
@@ -141,10 +142,38 @@ def contact_arc_band(state):
 
 
 @metric("%", "share of the retina (within 115 degrees of the posterior pole), of its halves and of the macula (disc of "
-             "5.5 mm at the pole) that the oil touches", of_eye=True, place=1, uncertainty="retina_coverage_band",
-        limits=(0.0, 100.0))
+             "5.5 mm at the pole) that is under oil: the sum of what the oil touches and of what lies under a film of "
+             "aqueous that is too thin for the particles (`retina_contact` and `retina_film`, where they are told)",
+        of_eye=True, place=1, uncertainty="retina_coverage_band", limits=(0.0, 100.0))
 def retina_coverage(state):
     return {name: 100 * state.wall.covered_share(mask) for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("%", "share of the same parts of the retina that the oil touches: theory, by how fast the front passed and how "
+             "long ago; where oil is at the start, it touches", of_eye=True, of_film=True, place=2, limits=(0.0, 100.0))
+def retina_contact(state):
+    return {name: 100 * (state.wall.covered_share(mask) - state.film.film_share(mask))
+            for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("%", "share of them that is under oil, with a film of aqueous between that is too thin for the particles: "
+             "theory; with `retina_contact` it adds up to `retina_coverage`", of_eye=True, of_film=True, place=2,
+        limits=(0.0, 100.0))
+def retina_film(state):
+    return {name: 100 * state.film.film_share(mask) for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("%", "share of them that is bare: neither touched nor under such a film", of_eye=True, of_film=True, place=15,
+        limits=(0.0, 100.0))
+def retina_bare(state):
+    return {name: 100 * (1.0 - state.wall.covered_share(mask)) for name, mask in state.wall.retina_masks().items()}
+
+
+@metric("um", "thickness of nine tenths of the film on the retina, smallest and largest, by theory: as the front left "
+              "it, and thinner by its weight", of_eye=True, of_film=True, place=8)
+def retina_film_thickness(state):
+    ends = state.film.thickness_range(state.wall.retina_masks()["whole"])
+    return dict(zip(("smallest", "largest"), (1e6 * end for end in ends), strict=True))
 
 
 @metric("%", "share of the same parts of the retina within one particle spacing of the contact line: half of it is the "
@@ -209,9 +238,10 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path],
     places : breaks and regions of the scene, where it has any.
     """
     table: dict[str, list[float]] = {}
+    films = FilmCourse.of(scene, float(initial["cavity_volume"]))
     with progress(len(paths), f"{scene.name}: metrics") as bar:
         for path in paths:
-            state = Measured(scene, initial, read_frame(path), places)
+            state = Measured(scene, initial, read_frame(path), places).after(films)
             row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):
                 row |= one.columns(state)
@@ -232,6 +262,7 @@ class ListMetrics(argparse.Action):
         for one in METRICS:
             where = " and ".join(name for name, of in (("eyes", one.of_eye), ("mixtures", one.of_mixture),
                                                          ("eyes that turn", one.of_rotation),
+                                                       ("scenes whose films are known", one.of_film),
                                                        (f"scenes with {one.of_places}", one.of_places)) if of)
             print(f"{one.name} [{one.unit}]: {one.meaning}{where and f'; only of {where}'}")
         parser.exit()

@@ -5,18 +5,15 @@ from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest, refined_start
 from pipeline.equilibrium.star_cavity import FINE, cavity_of
-from pipeline.scenes.effects import known_by_an_effect
+from pipeline.scenes.effects import known_by_an_effect, sum_of_effects
 from pipeline.scenes.model import Eye, Scene
-from sim.effects import REGISTRY
 
 
 def liquids_at_rest(scene: Scene) -> Liquids:
     """Return what decides where the oil of a scene of two liquids, aqueous first, rests."""
     aqueous, oil = scene.liquids[:2]
-    effects = [(REGISTRY[name], parameters) for name, parameters in scene.effects.items()]
-    tension = sum(effect.tension_of(parameters) for effect, parameters in effects)
-    weight = sum(effect.weight_of(parameters) for effect, parameters in effects)
-    return Liquids(aqueous.density - oil.density, tension, known_by_an_effect(scene, "contact_angle_of"), weight)
+    return Liquids(aqueous.density - oil.density, sum_of_effects(scene, "tension_of"),
+                   known_by_an_effect(scene, "contact_angle_of"), sum_of_effects(scene, "weight_of"))
 
 
 def rest_in_eye(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:

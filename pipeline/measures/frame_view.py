@@ -7,11 +7,13 @@ import numpy as np
 from pipeline.base.frame_files import FrameData
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.coverage import WallContact
+from pipeline.measures.film_course import FilmCourse, WallFilm
 from pipeline.measures.places import Places
-from pipeline.scenes.effects import droplets_of, known_by_an_effect
+from pipeline.scenes.effects import contact_angle_of, droplets_of, oil_of
 from pipeline.scenes.model import Scene
 
 MIXED = (0.05, 0.95)    # volume fractions of oil between which liquid counts as mixed
+
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
@@ -23,25 +25,19 @@ class Measured:
     initial : arrays of ``initial.npz``.
     frame : one frame.
     places : breaks and regions on the wall; None where nothing asks for them.
+    film : what the oil lies on, which the frames before tell; None where they are not known (`after`).
     """
 
     scene: Scene
     initial: dict[str, np.ndarray]
     frame: FrameData
     places: Places | None = None
+    film: WallFilm | None = None
 
     @functools.cached_property
     def oil(self) -> int:
-        """Phase index of the oil, or of the gas in its place: the most viscous liquid that is not clear, of those that
-        form an interface.
-        """
-        oil = known_by_an_effect(self.scene, "interface_oil")
-        if oil is not None:
-            return [liquid.name for liquid in self.scene.liquids].index(oil)
-        liquids = self.scene.liquids
-        colored = not all(liquid.clear for liquid in liquids)
-        return max((index for index, liquid in enumerate(liquids) if not (colored and liquid.clear)),
-                   key=lambda index: liquids[index].dynamic_viscosity)
+        """Phase index of the oil, or of the gas in its place."""
+        return oil_of(self.scene)
 
     @property
     def oil_fraction(self) -> np.ndarray:
@@ -82,7 +78,9 @@ class Measured:
 
     @functools.cached_property
     def wall(self) -> WallContact:
-        """Where the oil touches the wall."""
+        """Where the oil is at the wall."""
+        if self.film is not None:
+            return self.film.contact
         return WallContact.of(self.initial, self.frame.position, self.oil_fraction,
                               particle_spacing=self.frame.particle_spacing, support_radius=self.support_radius,
                               contact_angle=self.contact_angle)
@@ -95,10 +93,7 @@ class Measured:
     @property
     def contact_angle(self) -> float | None:
         """Contact angle at the wall, measured through the liquid that is not the oil, rad; None without tension."""
-        through_first = known_by_an_effect(self.scene, "contact_angle_of")
-        if through_first is None:
-            return None
-        return float(np.pi - through_first if self.oil == 0 else through_first)
+        return contact_angle_of(self.scene)
 
     @property
     def support_radius(self) -> float:
@@ -108,3 +103,9 @@ class Measured:
     def statistic(self, name: str) -> float:
         """Return a number that the solver saved with the frame; NaN if there is none, as in a frame at the start."""
         return self.frame.statistics.get(name, np.nan)
+
+    def after(self, films: FilmCourse | None) -> "Measured":
+        """Return it with what the oil lies on, by the course of the frames before; as it is without one."""
+        if films is None:
+            return self
+        return dataclasses.replace(self, film=films.advance(self.wall, float(self.frame.time), self.frame.gravity))

@@ -8,6 +8,7 @@ from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.measures.film_course import knows_films
 from pipeline.measures.frame_view import Measured
 from pipeline.scenes.effects import does, effects_that
 from pipeline.scenes.model import Scene
@@ -28,6 +29,7 @@ class Metric:
     of_eye : whether it says something about an eye only, and a container goes without it.
     of_mixture : whether it says something only where liquids mix, and other scenes go without it.
     of_rotation : the same for eyes that turn.
+    of_film : the same for scenes whose films on the wall are known.
     of_places : places in a scene that it is about, "breaks" or "regions"; scenes without any go without it.
     effect : the effect whose own measure it is; other scenes go without it.
     place : order of interest, the smallest first on the page and among the plots.
@@ -43,6 +45,7 @@ class Metric:
     of_eye: bool = False
     of_mixture: bool = False
     of_rotation: bool = False
+    of_film: bool = False
     effect: str | None = None
     of_places: str = ""
     place: int = LAST
@@ -61,6 +64,7 @@ class Metric:
         """Whether the metric has a meaning in a scene."""
         return ((not self.of_mixture or does(scene, MIXES)) and (not self.of_eye or scene.container is None)
                 and (not self.of_rotation or bool(effects_that(scene, "turns_eye")))
+                and (not self.of_film or knows_films(scene))
                 and (self.effect is None or self.effect in scene.effects)
                 and (not self.of_places or bool(getattr(scene, self.of_places))))
 

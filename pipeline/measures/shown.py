@@ -10,7 +10,7 @@ from pipeline.measures.metric import Metric
 DIGITS = 3
 ROUND_OFF = 1e-9  # shares and counts below it are none
 WITH_PREFIX = ("J", "Pa", "s")
-UNITS = {"1": "", "cm2": "cm²"}  # that readers write in another way
+UNITS = {"1": "", "cm2": "cm²", "um": "µm"}  # that readers write in another way
 PREFIXES = {1.0: "", 1e-3: "m", 1e-6: "µ", 1e-9: "n", 1e-12: "p"}
 
 

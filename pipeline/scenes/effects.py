@@ -16,6 +16,33 @@ def known_by_an_effect(scene: Scene, hook: str) -> Any:
     return next((one for one in answers if one is not None), None)
 
 
+def oil_of(scene: Scene) -> int:
+    """Return the phase index of the oil, or of the gas in its place.
+
+    It is the most viscous liquid that is not clear, of those that form an interface.
+    """
+    oil = known_by_an_effect(scene, "interface_oil")
+    if oil is not None:
+        return [liquid.name for liquid in scene.liquids].index(oil)
+    liquids = scene.liquids
+    colored = not all(liquid.clear for liquid in liquids)
+    return max((index for index, liquid in enumerate(liquids) if not (colored and liquid.clear)),
+               key=lambda index: liquids[index].dynamic_viscosity)
+
+
+def contact_angle_of(scene: Scene) -> float | None:
+    """Return the contact angle at the wall, measured through the liquid that is not the oil, rad; None without one."""
+    through_first = known_by_an_effect(scene, "contact_angle_of")
+    if through_first is None:
+        return None
+    return float(np.pi - through_first if oil_of(scene) == 0 else through_first)
+
+
+def sum_of_effects(scene: Scene, hook: str) -> float:
+    """Return the sum of what the effects of a scene give in a hook that takes their parameters."""
+    return sum(getattr(REGISTRY[name], hook)(parameters) for name, parameters in scene.effects.items())
+
+
 def down_at_start(scene: Scene) -> np.ndarray | None:
     """Return the direction (3,) of gravity in the frame of the scene at its start; None without gravity."""
     return known_by_an_effect(scene, "down_at_start")

@@ -64,7 +64,7 @@ def make_state(initial, oil, *, velocity=0.0, position=None, statistics=None, ti
 def values(state):
     turns = "eye_rotation" in state.scene.effects
     return {column: number for one in metrics.METRICS
-            if (turns or not one.of_rotation) and not one.of_places
+            if (turns or not one.of_rotation) and not one.of_places and not one.of_film
             for column, number in one.columns(state).items()}
 
 
@@ -299,7 +299,7 @@ def test_droplets_are_counted_as_the_emulsion(sphere):
 def test_metrics_of_mixtures_are_left_out_where_nothing_mixes():
     scene = make_scene()
     assert not any(one.of_mixture for one in metrics.metrics_of(scene))
-    everywhere = [one for one in metrics.METRICS if not one.of_places]
+    everywhere = [one for one in metrics.METRICS if not one.of_places and not one.of_film]
     mixing = dataclasses.replace(scene, effects={"diffusion": DiffusionParameters(1e-6)})
     assert metrics.metrics_of(mixing) == [one for one in everywhere if not one.of_rotation]
     turning = dataclasses.replace(scene, effects=mixing.effects | {
