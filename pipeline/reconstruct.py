@@ -17,6 +17,7 @@ from pipeline.base.progress import progress
 from pipeline.base.threads import checked_threads
 from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
+from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.scenes.devices import HELP, chosen_device
@@ -65,21 +66,35 @@ class Wall:
     ----------
     surface : pyvista.PolyData of the cavity in m.
     initial : arrays of ``initial.npz``.
+
+    Frames are shown to it in the order of time: what the oil lies on follows from those before.
     """
 
     def __init__(self, scene: Scene, initial: dict[str, np.ndarray], surface):
         self.scene, self.initial, self.surface = scene, initial, surface
         self.mapper = WallMapper(surface.points, surface.regular_faces)
+        self._films = FilmCourse.of(scene, float(initial["cavity_volume"]))
+
+    def follow(self, frame: FrameData) -> Measured:
+        """Return the state of the next frame."""
+        return Measured(self.scene, self.initial, frame).after(self._films)
 
     def write(self, path: Path, frame: FrameData) -> dict[str, dict[str, float]]:
-        """Write the wall of a frame; return the covered share of every part of the retina and its uncertainty, 1."""
-        state = Measured(self.scene, self.initial, frame)
+        """Write the wall of the next frame; return shares of every part of the retina.
+
+        Covered, its uncertainty, and where films are known the share of the part that is covered over one.
+        """
+        state = self.follow(frame)
         contact = state.wall
-        wall = self.mapper.map(contact)
-        write_wall(path, self.surface, wall.contact_distance, wall.oil_fraction)
+        wall = self.mapper.map(contact, state.film)
+        write_wall(path, self.surface, wall.contact_distance, wall.oil_fraction, wall.film_distance)
         parts = contact.retina_masks() | contact.quadrant_masks(state.right_eye)
-        return {name: {"covered": contact.covered_share(mask), "uncertainty": 0.5 * contact.band_share(mask)}
-                for name, mask in parts.items()}
+        shares = {name: {"covered": contact.covered_share(mask), "uncertainty": 0.5 * contact.band_share(mask)}
+                  for name, mask in parts.items()}
+        if state.film is not None:
+            for name, mask in parts.items():
+                shares[name]["film"] = state.film.film_share(mask)
+        return shares
 
 
 def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Reconstructor, formats=(),
@@ -112,6 +127,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("initial", type=Path, metavar="initial.npz", help="signed distance to the wall")
     parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
+    parser.add_argument("--before", type=Path, nargs="*", default=[], metavar="FRAMES_DIR",
+                        help="folders of all frames before, from the start on: they tell where oil lies on films that "
+                        "are too thin for the particles (default: none, so that oil at the wall touches it)")
     parser.add_argument("--output", required=True, type=Path, metavar="SURFACES_DIR",
                         help="folder to write: a .vtp per liquid, a section and a .json with volumes per frame")
     parser.add_argument("--format", action="append", default=[], choices=("ply", "stl"),
@@ -140,6 +158,9 @@ def main(arguments: list[str] | None = None) -> None:
     wall = None
     if options.eye and scene.eye is not None and scene.dimension == 3:
         wall = Wall(scene, initial, read_surface(options.eye))
+        earlier = (path for folder in options.before for path in find_frames(folder))
+        for path in sorted(earlier, key=lambda path: path.name):
+            wall.follow(read_frame(path))
     label = f"{scene.name}: reconstruct {options.frames.name}"
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
         for path in paths:

@@ -35,7 +35,7 @@ from pipeline.pictures.marks import (
 )
 from pipeline.pictures.paint import COLORS
 from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, SectionPanel, scheme_of
-from pipeline.scenes.effects import droplets_of, places_at_work
+from pipeline.scenes.effects import droplets_of, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 
@@ -161,8 +161,9 @@ class Renderer:
 
     def _headline(self, retina: dict[str, Coverage]) -> str:
         """The numbers that a surgeon looks for first."""
-        return f"{self._shown_name()} touches {retina['whole']} of the retina, {retina['inferior']} of its inferior " \
-            f"half, {retina['macula']} of the macula"
+        parts = retina["whole"].parts
+        return f"{self._shown_name()} {'is over' if parts else 'touches'} {retina['whole']} of the retina" \
+            f"{parts and f' ({parts})'}, {retina['inferior']} of its inferior half, {retina['macula']} of the macula"
 
     def _legend(self, canvas: Image.Image, draw: ImageDraw.ImageDraw, u: float, working: list[str]) -> None:
         width, height = self.size
@@ -183,6 +184,11 @@ class Renderer:
             left += 6.0 * u + write(draw, (left + 3.4 * u, 0.5 * (top + bottom)), text, 2.4 * u, anchor="lm")
         canvas.paste(self.fundus.hatch_sample((round(4.8 * u), round(bottom - top))), (round(left), round(top)))
         left += 8.2 * u + write(draw, (left + 5.8 * u, 0.5 * (top + bottom)), "uncertain edge", 2.4 * u, anchor="lm")
+        if knows_films(self.scene):
+            canvas.paste(self.fundus.film_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
+            draw.rectangle([left, top, left + 3.6 * u, bottom], outline=FAINT_INK)
+            words = "oil on a thin film"
+            left += 7.0 * u + write(draw, (left + 4.6 * u, 0.5 * (top + bottom)), words, 2.4 * u, anchor="lm")
         if self.scene.breaks:
             middle = 0.5 * (top + bottom)
             draw.line([left, middle, left + 3.2 * u, middle], fill=BREAK_COLOR, width=round(0.8 * u))

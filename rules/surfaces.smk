@@ -7,6 +7,7 @@ rule reconstruct:
         initial="outputs/{scene}/{level}/initial.npz",
         eye="outputs/{scene}/{level}/eye.vtp",
         frames=FRAMES,
+        before=lambda w: expand(FRAMES, segment=flow.segments_before(w.scene, w.level, w.segment), allow_missing=True),
     output:
         directory("outputs/{scene}/{level}/surfaces/segment_{segment}"),
     log:
@@ -21,7 +22,7 @@ rule reconstruct:
     shell:
         "STAGE_USAGE={log}.json "
         "python -m pipeline.reconstruct {input.scene} {input.initial} {input.frames} --output {output}"
-        " --eye {input.eye} --threads {threads} {flow.device} 2>&1 | tee {log}"
+        " --before {input.before} --eye {input.eye} --threads {threads} {flow.device} 2>&1 | tee {log}"
 
 
 rule index_run:

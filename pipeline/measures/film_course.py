@@ -15,9 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.measures.coverage import WallContact
-from pipeline.scenes.effects import contact_angle_of, does, oil_of, sum_of_effects
+from pipeline.scenes.effects import contact_angle_of, knows_films, oil_of, sum_of_effects
 from pipeline.scenes.model import Scene
-from sim.effects.effect import MIXES
 from sim.effects.parts.contact_line import fastest_retreat
 
 BRETHERTON = 1.34               # [bretherton1961]: h / R over Ca^(2/3), of a bubble without viscosity
@@ -79,15 +78,6 @@ class Wetting:
         """
         slope = np.divide(below, along**2, out=np.zeros_like(along), where=along > 0.0)
         return abs(self.heavier) * gravity * np.maximum(slope, 0.0) / (RIGID * self.viscosity)  # (Q12)
-
-
-def knows_films(scene: Scene) -> bool:
-    """Whether theory tells films in a scene: an eye in space, two liquids kept apart, tension, gravity, wetting."""
-    angle = contact_angle_of(scene)
-    return (scene.container is None and scene.dimension == 3 and len(scene.liquids) == 2 and not does(scene, MIXES)
-            and all(liquid.dynamic_viscosity > 0.0 for liquid in scene.liquids)
-            and sum_of_effects(scene, "tension_of") > 0.0 and sum_of_effects(scene, "weight_of") > 0.0
-            and angle is not None and 0.0 < angle < 0.5 * np.pi)
 
 
 @dataclasses.dataclass(frozen=True)

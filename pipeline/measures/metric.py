@@ -8,9 +8,8 @@ from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.measures.film_course import knows_films
 from pipeline.measures.frame_view import Measured
-from pipeline.scenes.effects import does, effects_that
+from pipeline.scenes.effects import does, effects_that, knows_films
 from pipeline.scenes.model import Scene
 from sim.effects.effect import MIXES, Effect
 

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from pipeline.measures.coverage import WallContact
+from pipeline.measures.film_course import WallFilm
 
 AVERAGED = 3.0          # particle spacings over which the labels of wall points are averaged
 FAR = 1.0               # m, distance to an edge where there is none
@@ -27,11 +28,14 @@ class WallMap:
     oil_fraction : (n, 2) float, volume fraction of the oil in what touches the wall where oil does, and where not; each
         is known on both sides of the edge, so that colors do not mix across it.
     moved : float, m, by which the edge was moved evenly so that the map holds the measured share of the wall.
+    film_distance : (n,) float, m, to the line between what the oil touches and films under it, positive over films, of
+        which the map holds the measured share too; None where films are not known.
     """
 
     contact_distance: np.ndarray
     oil_fraction: np.ndarray
     moved: float
+    film_distance: np.ndarray | None = None
 
 
 class WallMapper:
@@ -50,8 +54,8 @@ class WallMapper:
         self.edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         self._tree = cKDTree(self.vertices)
 
-    def map(self, contact: WallContact) -> WallMap:
-        """Map the wall points of one frame."""
+    def map(self, contact: WallContact, film: WallFilm | None = None) -> WallMap:
+        """Map the wall points of one frame, and the films on them where these are known."""
         near = self._weights(contact)
         level = near @ contact.covered - 0.5  # (Z1)
         distance = self._distance_to_line(level)
@@ -59,9 +63,12 @@ class WallMapper:
             line = near @ contact.line_density
             strip = near @ (contact.line_density * contact.strip)
             distance -= np.divide(strip, line, out=np.zeros_like(strip), where=line > 0.0)  # (Z2)
-        moved = self._even(distance, contact.covered_share())
+        distance -= (moved := self._even(distance, contact.covered_share()))
         fraction = np.stack([self._fraction(near, contact, side) for side in (True, False)], axis=-1)
-        return WallMap(distance - moved, fraction, moved)
+        if film is None:
+            return WallMap(distance, fraction, moved)
+        to_film, under_oil = self._distance_to_line(near @ film.beside_film - 0.5), distance > 0.0
+        return WallMap(distance, fraction, moved, to_film - self._even(to_film, film.film_share(), under_oil))
 
     def _weights(self, contact: WallContact) -> csr_matrix:
         """Shares (n, m) of the wall points in the average at every vertex; a lonely vertex has the nearest point."""
@@ -85,11 +92,16 @@ class WallMapper:
         line = self.vertices[one] + along * (self.vertices[other] - self.vertices[one])
         return np.where(level > 0.0, 1.0, -1.0) * cKDTree(line).query(self.vertices)[0]
 
-    def _even(self, distance: np.ndarray, share: float) -> float:
-        """Distance from the edge beyond which ``share`` of the wall lies, m: small where the wall is well resolved."""
-        if np.ptp(distance) == 0.0:
+    def _even(self, distance: np.ndarray, share: float, part: np.ndarray | None = None) -> float:
+        """Distance from the edge beyond which ``share`` of the wall lies, m: small where the wall is well resolved.
+
+        With ``part`` (n,) bool, that share lies in it.
+        """
+        if np.ptp(distance) == 0.0 or (part is not None and not part.any()):
             return 0.0
         order = np.argsort(-distance)
+        if part is not None:
+            order = order[part[order]]
         beyond = np.cumsum(self.area[order]) / self.area.sum()
         return float(np.interp(share, np.append(0.0, beyond), np.append(distance[order[0]], distance[order])))
 

@@ -29,9 +29,26 @@ class Headline:
 def headlines_of(scene: Scene, shown: Sequence[Shown]) -> list[Headline]:
     """Return the first numbers of a run of a scene, at its end."""
     found = headlines(shown, of_eye=scene.container is None)
+    found = [dataclasses.replace(one, meaning=f"{one.meaning}{what_of_it(shown)}")
+             if one.meaning == OF_EYE[0][2] else one for one in found]
     if any(liquid.density < GAS_DENSITY for liquid in scene.liquids):
         return [dataclasses.replace(one, meaning=one.meaning.replace("under oil", "under gas")) for one in found]
     return found
+
+
+def what_of_it(shown: Sequence[Shown]) -> str:
+    """Return what of the retina under oil it touches and what is over films, in words; empty where not known.
+
+    The numbers add up to that of the headline.
+    """
+    ends = {(one.metric.name, curve.part): float(curve.values[-1]) for one in shown for curve in one.curves}
+    film = ends.get(("retina_film", "whole"), np.nan)
+    if not np.isfinite(film):
+        return ""
+    touched = round(ends["retina_coverage", "whole"]) - round(film)
+    thick = [ends["retina_film_thickness", end] for end in ("smallest", "largest")]
+    how_thick = f" of {thick[0]:.0f} to {thick[1]:.0f} µm" if np.isfinite(thick).all() else ""
+    return f": it touches {touched} %, {film:.0f} % are on a film of aqueous{how_thick}"
 
 
 def headlines(shown: Sequence[Shown], of_eye: bool) -> list[Headline]:

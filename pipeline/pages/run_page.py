@@ -28,6 +28,7 @@ from pipeline.pages.turning_view import turning_view
 from pipeline.pictures.marks import clock
 from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of, speed_in_words
+from pipeline.scenes.effects import knows_films
 from sim.effects import REGISTRY
 
 MOST_BYTES = 10 * 10**6  # of the whole page: it is sent by mail
@@ -40,7 +41,9 @@ POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src
 ILLUSTRATION = ("This illustrates the physics; it is no prediction for a patient: nothing was compared with clinical "
                 "data.")
 NOT_IN_AN_EYE = ("In no scene are: the vitreous, the give of the wall and of the retina, and "
-                 "films of aqueous thinner than the particle spacing.")
+                 "films of aqueous thinner than the particle spacing")
+FILMS_TOLD = ("; where they are and how thick follows from theory, by how fast the oil came over the wall and how long "
+              "ago: the retina there counts as under oil, but not as touched")
 PACKAGES = ("eye-oil-pipeline", "taichi", "numpy", "scipy", "pyvista", "vtk", "snakemake")
 FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "last picture",
          "moments.png": "eight moments", "metrics.csv": "metrics of every frame", "effects.csv": "cost of the effects",
@@ -139,7 +142,8 @@ def _fundus(run: Run) -> Markup:
         time, picture, time) for time, picture in fundus_strip(run)]
     words = page.paragraph(
         f"The {run.scene.eye.side} eye, as its examiner sees it: macula in the middle, circles at the equator, the ora "
-        "serrata and the front of the pars plana. Colors are those of the pictures above.")
+        "serrata and the front of the pars plana. Colors are those of the pictures above.",
+        "Where stripes are lighter the oil lies on a thin film of aqueous." if knows_films(run.scene) else "")
     return Markup('<h2>Fundus over time</h2><div class="strip">{}</div>{}').format(Markup("\n").join(maps), words)
 
 
@@ -192,7 +196,8 @@ def _left_out(run: Run, advice: Report) -> list[Markup]:
     others = [name for name in REGISTRY if name not in scene.effects and name not in advised]
     return [page.bullets(items),
             page.paragraph(f"Not called for by this scene: {', '.join(others)}." if others else "",
-                           NOT_IN_AN_EYE if scene.container is None else "")]
+                           f"{NOT_IN_AN_EYE}{FILMS_TOLD if knows_films(scene) else ''}."
+                           if scene.container is None else "")]
 
 
 def _cost(run: Run) -> list[Markup]:

@@ -12,7 +12,7 @@ from pipeline.pages.run_folder import Run
 from pipeline.pictures.eye_view import INTERFACE_COLOR, TOUCH_DEPTH, break_lines
 from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.pictures.marks import pretty
-from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
+from pipeline.pictures.paint import BARE, COVERED, FILM, colors_of, film_distance, over_film, wall_fractions
 from pipeline.scenes.effects import droplets_of
 from pipeline.scenes.retina import Patch, globe_radius
 
@@ -54,8 +54,12 @@ def turning_view(run: Run) -> dict[str, Any]:
             meshes.append({"wall": False, "legend": [(_css(color), name)], **packed(surface, color, color)})
     if of_eye:
         covered, bare = (colors_of(wall_fractions(wall, side)) for side in (True, False))
-        oil = pretty(shown_liquids(run.scene)[0].name)
-        meshes.append({"wall": True, "legend": [(_css(COVERED), f"wall under {oil}"), (_css(BARE), "wall without")],
+        oil, line = pretty(shown_liquids(run.scene)[0].name), film_distance(wall)
+        legend = [(_css(COVERED), f"wall under {oil}"), (_css(BARE), "wall without")]
+        if line is not None:
+            covered = np.where(line[:, None] > 0.0, over_film(covered), covered)
+            legend[:1] = [(_css(COVERED), f"wall that {oil} touches"), (_css(FILM), "wall under it, on a thin film")]
+        meshes.append({"wall": True, "legend": legend,
                        **packed(wall, covered, bare, np.asarray(wall.point_data["contact_distance"]))})
         patches = run.scene.patches(globe_radius(np.asarray(wall.points)))["breaks"]
         if patches:

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.cavity.rays import interpolation
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_RADIUS, EQUATOR, disc_direction
-from pipeline.pictures.paint import colors_of, wall_fractions
+from pipeline.pictures.paint import colors_of, film_distance, over_film, wall_fractions
 from pipeline.scenes.retina import ORA, Patch, globe_radius
 
 SHELL_COLOR, INTERFACE_COLOR, LANDMARK_COLOR, EDGE_COLOR = "#dfe5ec", "#8fd0ea", "#ffffff", "#19202b"
@@ -76,15 +76,20 @@ class EyeView:
             self.plotter.renderers[row].remove_actor(actor, render=False)
         self._changing = []
         covered, bare = wall.clip_scalar(scalars="contact_distance", invert=False, value=0.0, both=True)
-        painted = [(part, wall_fractions(part, touched)) for part, touched in ((covered, True), (bare, False))]
+        painted = [(bare, colors_of(wall_fractions(bare, False)))]
+        film, touched = covered.clip_scalar(scalars="film_distance", invert=False, value=0.0, both=True) \
+            if covered.n_cells and film_distance(wall) is not None else (None, covered)
+        painted.append((touched, colors_of(wall_fractions(touched, True))))
+        if film is not None:
+            painted.append((film, over_film(colors_of(wall_fractions(film, True)))))
         edge = wall.contour([0.0], scalars="contact_distance") if covered.n_cells and bare.n_cells else None
         interfaces = [(interface, color) for surface, color in surfaces if surface.n_cells
                       for interface in [free_part(surface)] if interface.n_cells]
         for row, side in enumerate(HALVES.values()):
             self.plotter.subplot(row, 0)
-            for part, fraction in painted:
+            for part, colors in painted:
                 if part.n_cells:
-                    part.point_data["color"] = colors_of(fraction)
+                    part.point_data["color"] = colors
                     self._add(row, side, part, scalars="color", rgb=True, ambient=0.65, diffuse=0.4)
             for interface, color in interfaces:
                 self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.5, diffuse=0.5,

@@ -15,26 +15,36 @@ from skimage.measure import find_contours
 
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
-from pipeline.pictures.paint import BARE, COVERED, colors_of, wall_fractions
+from pipeline.pictures.paint import BARE, COVERED, FILM, colors_of, film_distance, over_film, wall_fractions
 from pipeline.scenes.retina import DISC_RISE, FRONT, ORA, globe_radius
 
 EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 # The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
 DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
+STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the stripes on films
 LINE, BREAK_COLOR = (255, 255, 255), (214, 39, 40)
 
 
 @dataclasses.dataclass(frozen=True)
 class Coverage:
-    """Covered share of a part of the retina and its uncertainty, 1."""
+    """Covered share of a part of the retina, its uncertainty, and what of it is over films (None: not known), 1."""
 
     covered: float
     uncertainty: float
+    film: float | None = None
 
     def __str__(self) -> str:
         doubt = f"{100 * self.uncertainty:.0f}"
         return f"{100 * self.covered:.0f}{'' if doubt == '0' else f' ± {doubt}'} %"
+
+    @property
+    def parts(self) -> str:
+        """What of it oil touches and what is over films, in words whose numbers add up; empty where not known."""
+        if self.film is None:
+            return ""
+        film = round(100 * self.film)
+        return f"touches {round(100 * self.covered) - film} %, on a thin film {film} %"
 
 
 def disc_direction(globe: float, right_eye: bool) -> np.ndarray:
@@ -81,6 +91,7 @@ class FundusMap:
         self._weights = np.column_stack([two, 1.0 - two.sum(axis=1)]).astype(np.float32)
         stripe = np.arange(size[0])[None, :] + np.arange(size[1])[:, None]
         self._hatch = ((stripe / (HATCH * self.unit)) % 2 < 1)[self.inside]
+        self._stripes = self._film_stripes(rows)[self.inside]
 
     def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None,
              marks=()) -> Image.Image:
@@ -96,6 +107,9 @@ class FundusMap:
         distance = self._at_pixels(wall.point_data["contact_distance"])
         covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
         colors = colors_of(np.where(distance > 0.0, covered, bare))
+        line = film_distance(wall)
+        film = np.zeros(len(distance), bool) if line is None else (self._at_pixels(line) > 0.0) & (distance > 0.0)
+        colors[film & ~self._stripes] = over_film(colors[film & ~self._stripes])
         reach = self._at_pixels(uncertain) if isinstance(uncertain, np.ndarray) else uncertain
         doubtful = (np.abs(distance) < reach) & self._hatch
         colors[doubtful] = np.where(distance[doubtful, None] > 0.0, BARE, COVERED)
@@ -132,6 +146,15 @@ class FundusMap:
         colors = np.where((stripe ^ (columns < middle))[..., None], COVERED, BARE)
         colors[np.abs(columns - middle) < 0.25 * self.unit] = INK
         return Image.fromarray(colors.astype(np.uint8))
+
+    def film_sample(self, size: tuple[int, int]) -> Image.Image:
+        """How a film looks, for a legend of a width and a height in pixels."""
+        rows = np.mgrid[:size[1], :size[0]][0]
+        return Image.fromarray(np.where(self._film_stripes(rows)[..., None], COVERED, FILM).astype(np.uint8))
+
+    def _film_stripes(self, rows: np.ndarray) -> np.ndarray:
+        """Which of some pixels have the color of what oil touches, also where it lies on a film: level stripes."""
+        return (rows / self.unit) % STRIPES[0] < STRIPES[1]
 
     def share(self, contact_distance: np.ndarray) -> float:
         """Covered share of the retina as drawn, every pixel weighted with the solid angle that it stands for."""

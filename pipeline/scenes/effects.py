@@ -6,6 +6,7 @@ import numpy as np
 from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
+from sim.effects.effect import MIXES
 
 SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
 
@@ -78,3 +79,15 @@ def droplets_of(scene: Scene) -> int | None:
     """Return the phase index of the liquid that is oil in droplets; None in a scene that makes none."""
     name = known_by_an_effect(scene, "droplet_liquid")
     return None if name is None else [liquid.name for liquid in scene.liquids].index(name)
+
+
+def knows_films(scene: Scene) -> bool:
+    """Whether theory tells where oil lies on films of aqueous: in an eye in space, where aqueous wets the wall.
+
+    Two liquids are kept apart by a tension, and gravity acts.
+    """
+    angle = contact_angle_of(scene)
+    return (scene.container is None and scene.dimension == 3 and len(scene.liquids) == 2 and not does(scene, MIXES)
+            and all(liquid.dynamic_viscosity > 0.0 for liquid in scene.liquids)
+            and sum_of_effects(scene, "tension_of") > 0.0 and sum_of_effects(scene, "weight_of") > 0.0
+            and angle is not None and 0.0 < angle < 0.5 * np.pi)

@@ -122,7 +122,8 @@ def write_section(path: Path, section, *, time: float, liquids: Sequence[str]) -
 WALL_FRACTIONS = ("oil_fraction_covered", "oil_fraction_bare")
 
 
-def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.ndarray) -> None:
+def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.ndarray,
+               film_distance: np.ndarray | None = None) -> None:
     """Write the surface of the cavity (``.vtp``) with its regions and with what touches it.
 
     Parameters
@@ -130,6 +131,8 @@ def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.n
     eye : pyvista.PolyData with n points.
     contact_distance : (n,) m, to the edge of what the oil touches, positive where it does.
     oil_fraction : (n, 2) volume fraction of the oil in what lies on the wall where it touches, and where not.
+    film_distance : (n,) m, to the line between what the oil touches and films under it, positive over films; None where
+        films are not known.
     """
     wall = eye.copy(deep=False)
     wall.clear_point_data()
@@ -137,7 +140,11 @@ def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.n
     wall.point_data["contact_distance"] = contact_distance.astype(np.float32)
     for name, values in zip(WALL_FRACTIONS, oil_fraction.T, strict=True):
         wall.point_data[name] = values.astype(np.float32)
-    set_text(wall, "units", ("points: m", "contact_distance: m"))
+    distances = ["contact_distance: m"]
+    if film_distance is not None:
+        wall.point_data["film_distance"] = film_distance.astype(np.float32)
+        distances.append("film_distance: m")
+    set_text(wall, "units", ("points: m", *distances))
     write_vtk(wall, path)
 
 

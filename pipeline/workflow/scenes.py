@@ -12,6 +12,7 @@ from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
 from pipeline.scenes.devices import checked_device, chosen_device
+from pipeline.scenes.effects import knows_films
 from pipeline.scenes.ending import segments_made, segments_until_rest
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene
@@ -166,6 +167,13 @@ class Workflow:
         if segment not in segments:
             stop(f"{name} has no segment {segment}; its segments are {', '.join(segments)}")
         return segments[:int(segment) + 1]
+
+    def segments_before(self, name: str, level: str, segment: str) -> list[str]:
+        """Return the names of the segments whose frames tell what oil lies on at the start of one of them.
+
+        There are none in a scene whose films are not known.
+        """
+        return self.segments_up_to(name, level, segment)[:-1] if knows_films(self.scene(name, level)) else []
 
     def start(self, name: str, level: str, segment: str) -> list[str]:
         """Return the checkpoint that a segment starts from, as a list; empty when it starts from the initial state."""

@@ -8,7 +8,8 @@ import synthetic_frames
 from pipeline import metrics
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.measures.coverage import WallContact
-from pipeline.measures.film_course import FilmCourse, Wetting, knows_films
+from pipeline.measures.film_course import FilmCourse, Wetting
+from pipeline.scenes.effects import knows_films
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Material
 

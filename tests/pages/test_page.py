@@ -104,8 +104,9 @@ def test_page_holds_all_that_it_shows(index):
 def test_page_says_first_what_people_ask_for(index):
     text = index.read_text()
     numbers = re.findall(r"<li><b>([^<]*)</b>([^<]*)", text[text.index('class="numbers"'):text.index("<video")])
-    assert [meaning for _, meaning in numbers] == [
+    assert [meaning.partition(":")[0] for _, meaning in numbers] == [
         "of the retina is under oil", "of its inferior half", "of the macula"]
+    assert re.search(r": it touches \d+ %, \d+ % are on a film of aqueous of \d+ to \d+ µm$", numbers[0][1])
     assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, _ in numbers)
     places = [text.index(words) for words in (
         "of the retina is under oil", "<video", 'type="range"', "<canvas", "Fundus over time", "<h2>Over time",
@@ -255,3 +256,11 @@ def test_headlines_name_what_covers_the_retina(density, word):
     table = {"time [s]": np.array([0.0, 1.0]), "retina_coverage_whole [%]": np.array([40.0, 50.0])}
     found = headlines_of(scene, shown_metrics(table, [Metric("retina_coverage", "%", "", None)]))
     assert [one.meaning for one in found] == [f"of the retina is under {word}"]
+    table |= {"retina_film_whole [%]": np.array([0.0, 37.6]),
+              "retina_film_thickness_smallest [um]": np.array([np.nan, 19.0]),
+              "retina_film_thickness_largest [um]": np.array([np.nan, 223.0])}
+    meanings = [Metric("retina_coverage", "%", "", None), Metric("retina_film", "%", "", None),
+                Metric("retina_film_thickness", "um", "", None)]
+    found = headlines_of(scene, shown_metrics(table, meanings))
+    assert [(one.number, one.meaning) for one in found] == [
+        ("50 %", f"of the retina is under {word}: it touches 12 %, 38 % are on a film of aqueous of 19 to 223 µm")]

@@ -3,6 +3,7 @@ import dataclasses
 import itertools
 
 import color_vision
+import forked
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -12,23 +13,24 @@ from synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 from pipeline import movie, render
 from pipeline.base import cli
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.frame_files import frame_path, read_frame, write_frame
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
+from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
 from pipeline.pictures.container_view import peel
 from pipeline.pictures.eye_layout import columns_of
 from pipeline.pictures.eye_view import INTERFACE_COLOR, NERVE_COLOR, EyeView
-from pipeline.pictures.fundus_map import FundusMap
+from pipeline.pictures.fundus_map import Coverage, FundusMap
 from pipeline.pictures.marks import clock
-from pipeline.pictures.paint import BARE, COLORS, COVERED
+from pipeline.pictures.paint import BARE, COLORS, COVERED, FILM
 from pipeline.pictures.section_panel import CHAMBER, CILIARY, CORNEA, IRIS, LENS, WALL, Eye, SectionPanel, posture
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.surfaces.liquid_surface import Reconstructor
-from pipeline.surfaces.surface_files import read_surface, read_wall, write_wall
+from pipeline.surfaces.surface_files import read_retina, read_surface, read_wall, write_wall
 
 SIZE = (640, 360)
 CONTENTS = {                    # fraction of oil of the particles, and its fraction above and below the middle
@@ -54,12 +56,12 @@ def run_folder(tmp_path_factory, request, taichi):
     write_vtk(eye, folder / "eye.vtp")
     position = lattice()
     reconstructor = Reconstructor(ball(), 2)
-    wall = Wall(scene, ball(), eye)
     (folder / "surfaces").mkdir()
     for index, (options, _) in enumerate(CONTENTS.values()):
         frame = frame_of(position, oil_fraction(position, **options), time=0.1 * index)
         path = frame_path(folder / "frames", index)
         write_frame(path, frame)
+        wall = Wall(scene, ball(), eye)  # no frame follows from another one: where oil is it touches
         write_surfaces(folder / "surfaces", path, frame, reconstructor, wall=wall)
     return folder
 
@@ -156,6 +158,69 @@ def test_fundus_map_shows_the_share_that_is_measured(run_folder, tmp_path, heigh
     above = oil_fraction(np.asarray(wall.points), height=height, tilt=tilt) > 0.5
     exact = (above & retina).sum() / retina.sum()
     assert drawn < exact - 0.05 if contact_angle else drawn == pytest.approx(exact, abs=0.03)
+
+
+@pytest.fixture(scope="module")
+def film_folder(tmp_path_factory, run_folder):
+    """Return a folder whose frames show oil that comes down the wall at 15 mm/s, and surfaces of the last of them."""
+    folder = tmp_path_factory.mktemp("film")
+    position = lattice(seed=3)
+    for index in range(8):
+        fraction = oil_fraction(position, height=8e-3 - 1.5e-3 * index)
+        path = frame_path(folder / f"segment_{index // 7:03d}", index)
+        write_frame(path, frame_of(position, fraction, time=0.1 * index))
+    done = forked.run("pipeline.reconstruct", run_folder / "scene.json", run_folder / "initial.npz",
+                      folder / "segment_001", "--before", folder / "segment_000", "--output", folder / "surfaces",
+                      "--eye", run_folder / "eye.vtp", "--threads", 1)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_path):
+    """In the map, whose stripes there are a third as wide as apart, and in words that add up."""
+    scene, initial = load_resolved(run_folder / "scene.json"), ball()
+    films = FilmCourse.of(scene, float(initial["cavity_volume"]))
+    for path in sorted(film_folder.glob("segment_*/*.vtu")):
+        state = Measured(scene, initial, read_frame(path)).after(films)
+    retina = read_retina(film_folder / "surfaces" / "frame_00007.json")["whole"]
+    mask = state.wall.retina_masks()["whole"]
+    assert retina["film"] == state.film.film_share(mask) > 0.2
+    wall = read_wall(film_folder / "surfaces" / "frame_00007_wall.vtp")
+    chart = FundusMap(np.asarray(wall.points), (600, 600), captions=False)
+    contact, film = (np.asarray(wall.point_data[f"{name}_distance"]) for name in ("contact", "film"))
+    assert chart.share(np.minimum(contact, film)) == pytest.approx(retina["film"], abs=0.03)
+    pixels = np.asarray(chart.draw(wall, uncertain=0.0)).astype(int)
+    light = count(pixels, FILM, 2)
+    assert light > 5000
+    touched = wall.copy()
+    touched["film_distance"] = np.full(wall.n_points, -1.0)
+    without = np.asarray(chart.draw(touched, uncertain=0.0)).astype(int)
+    assert count(without, FILM, 2) < 0.01 * light
+    assert count(without, COVERED, 2) - count(pixels, COVERED, 2) == pytest.approx(light, rel=0.02)
+    assert str(Coverage(0.519, 0.134, 0.374)) == "52 ± 13 %"
+    assert Coverage(0.519, 0.134, 0.374).parts == "touches 15 %, on a thin film 37 %"
+
+
+def test_pictures_of_films_have_a_legend_and_lighter_walls(run_folder, film_folder, tmp_path, opengl):
+    names = [str(run_folder / name) for name in ("scene.json", "initial.npz", "eye.vtp")]
+    frames, surfaces, images = film_folder / "segment_001", film_folder / "surfaces", tmp_path / "images"
+    render.main([*names, str(frames), str(surfaces), "--output", str(images)])
+    pixels = np.asarray(Image.open(images / "frame_00007.png").convert("RGB")).astype(int)
+    halves, fundus = (slice(left, right) for left, right in itertools.pairwise(columns_of(SIZE[0])[1:]))
+    body = slice(80, 310)
+    assert count(pixels[body, fundus], FILM, 6) > 500
+    assert count(pixels[315:], FILM, 6) > 20  # the legend
+    lit = pixels[body, halves].reshape(-1, 3)
+    hue = lit / np.maximum(lit.max(axis=1, keepdims=True), 1)
+    assert (np.abs(hue - FILM / FILM.max()).max(axis=1) < 0.04).sum() > 300
+
+
+@pytest.mark.parametrize("kind", color_vision.KINDS)
+def test_films_are_told_from_what_is_touched(kind):
+    from skimage.color import deltaE_ciede2000
+
+    lab = color_vision.seen(np.array([FILM, COVERED, BARE]) / 255.0, kind)
+    assert min(deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)) > 10.0
 
 
 def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_opened_eye(run_folder, tmp_path, opengl):

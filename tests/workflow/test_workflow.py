@@ -3,6 +3,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import re
 import runpy
 import shutil
 import signal
@@ -453,6 +454,16 @@ def test_every_segment_starts_where_the_one_before_ends(project):
     code, output = project.snakemake("-n", f"outputs/tiny/draft/checkpoints/segment_{scene.segment_count - 1:03d}.npz")
     assert code == 0, output
     assert planned(output)["simulate"] == scene.segment_count
+
+
+@pytest.mark.parametrize(("effects", "before"), [
+    ("{}", "outputs/longer/draft/frames/segment_000 outputs/longer/draft/frames/segment_001 "),
+    ("{interface_tension: null}", "")])
+def test_surfaces_follow_films_from_the_start_where_theory_knows_them(project, effects, before):
+    project.write_scene("longer", f"extends: tiny\neffects: {effects}\noutput: {{duration: 0.5 s}}\n")
+    code, output = project.snakemake("-n", "-p", "outputs/longer/draft/surfaces/segment_002")
+    assert code == 0, output
+    assert f" --before {before}--eye " in re.sub(r"\s+", " ", output)
 
 
 def test_simulation_runs_again_when_the_code_of_its_effects_changes(project, monkeypatch):
