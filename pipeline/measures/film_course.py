@@ -213,6 +213,9 @@ class FilmCourse:
             then, now = np.flatnonzero(self._since <= moment), start == moment
             if len(then):
                 behind[now] = cKDTree(position[then]).query(position[fresh[now]])[0]
+        alone = np.isinf(behind) & (first >= 0)  # all that was there before has been left since
+        behind[alone] = np.linalg.norm(position[fresh[alone]] - position[first[alone]], axis=1)
+        start = np.where(alone, since, start)
         if not contact.covered.all():
             ahead = cKDTree(position[~contact.covered]).query(position[fresh])[0]
         speed = np.zeros(len(fresh))

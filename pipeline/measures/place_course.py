@@ -12,7 +12,7 @@ from pipeline.scenes.eye_shape import globe_of
 from pipeline.scenes.model import Scene
 
 HEADS = ("break", "where", "at the end", "first covered", "longest time bare", "covered of the time")
-EXPLAINED = ("A break is covered when the oil touches all of it. In brackets, what a number may be: half a particle "
+EXPLAINED = ("A break is covered when all of it is under oil. In brackets, what a number may be: half a particle "
              "spacing decides. Between frames the contact line is taken to move evenly.")
 IN_A_LAPSE = ("Times are those that the time-lapse stands for. The liquids settle in their own time, which looks far "
               "longer than it is: times bare just after a turn are too long.")

@@ -15,14 +15,15 @@ NEAR = 4.0          # particle spacings around a break, within which the pressur
 MEDIAN_ERROR = 1.2533  # standard error of a median over that of a mean
 
 
-@metric("1", "1 where the oil touches all of a break, 0 where part of it is bare, 1/2 where less than half a particle "
-             "spacing decides", of_eye=True, of_places="breaks", place=0, limits=(0.0, 1.0), yes_or_no=True)
+@metric("1", "1 where all of a break is under oil, 0 where part of it is bare, 1/2 where less than half a particle "
+             "spacing decides; films too thin for the particles count as oil",
+        of_eye=True, of_places="breaks", place=0, limits=(0.0, 1.0), yes_or_no=True)
 def break_covered(state: Measured) -> dict[str, float]:
     reach = DOUBTFUL * state.frame.particle_spacing
     return {name: 0.5 if abs(margin) < reach else float(margin > 0.0) for name, margin in _margins(state).items()}
 
 
-@metric("%", "share of a break that the oil touches", of_eye=True, of_places="breaks", place=2,
+@metric("%", "share of a break that is under oil", of_eye=True, of_places="breaks", place=2,
         uncertainty="break_coverage_band", limits=(0.0, 100.0))
 def break_coverage(state: Measured) -> dict[str, float]:
     return _covered(state, state.places.breaks)
@@ -59,7 +60,7 @@ def break_pressure_band(state: Measured) -> dict[str, float]:
     return {name: 2.0 * uncertainty for name, (_, uncertainty) in _pressures(state).items()}
 
 
-@metric("%", "share of a region of the scene that the oil touches", of_eye=True, of_places="regions", place=3,
+@metric("%", "share of a region of the scene that is under oil", of_eye=True, of_places="regions", place=3,
         uncertainty="region_coverage_band", limits=(0.0, 100.0))
 def region_coverage(state: Measured) -> dict[str, float]:
     return _covered(state, state.places.regions)

@@ -71,9 +71,11 @@ def test_a_film_is_some_tens_of_micrometers_thick(wetting):
 @pytest.mark.parametrize("speed", [4e-3, 10e-3, 30e-3])
 @pytest.mark.parametrize("interval", [0.03, 0.1])
 def test_a_fast_front_leaves_the_film_of_its_speed(wetting, speed, interval):
-    film = front(FilmCourse(wetting), speed, np.arange(0.0, 8e-3 / speed, interval))
-    far = film.film & (arc > 4e-3 + 2.0 * SPACING)
-    assert far.sum() > 0.9 * (film.contact.covered & (arc > 4e-3 + 2.0 * SPACING)).sum() - 0.25 * film.film.sum()
+    times = np.arange(0.0, 8e-3 / speed, interval)
+    film = front(FilmCourse(wetting), speed, times)
+    # The oil that was there has pushed the film away as far as this.
+    far = film.contact.covered & (arc > 4e-3 + wetting.retreat * times[-1] + 2.0 * SPACING)
+    assert far.sum() > 500 and film.film[far].all()
     assert np.median(film.thickness[0, far]) == pytest.approx(bretherton(speed)[0], rel=0.12)
     assert np.median(film.thickness[1, far]) == pytest.approx(bretherton(speed)[1], rel=0.12)
     assert not film.film[arc < 4e-3 - SPACING].any()  # where oil was at the start it touches
@@ -108,7 +110,7 @@ def test_films_become_thinner_by_their_weight(wetting, turned):
     course, down = FilmCourse(wetting), np.array([0.0, 9.81 if turned else -9.81, 0.0])
     course.advance(contact_of(arc < 0.0), 0.0, NO_WEIGHT)
     kept = course.advance(contact_of(arc < 30e-3), 0.1, NO_WEIGHT).thickness
-    for time in np.arange(0.2, 8.1, 0.1):
+    for time in np.linspace(0.5, 8.0, 20):
         film = course.advance(contact_of(arc < 30e-3), time, down)
     there = film.film & (arc > 4e-3) & (arc < 10e-3)
 
@@ -137,6 +139,17 @@ def test_film_that_is_left_by_the_oil_is_forgotten(wetting):
     for time in np.arange(2.5, 8.0, 0.1):
         film = course.advance(contact_of(arc < 4e-3 + 0.8 * wetting.retreat * (time - 2.5)), time, NO_WEIGHT)
     assert film.contact.covered[arc < 9e-3].all() and not film.film.any()
+
+
+def test_oil_that_outlives_where_it_came_from_goes_on(wetting):
+    """The cap that a ring of oil came from is bare for two seconds; then the ring grows slowly over new wall."""
+    course = FilmCourse(wetting)
+    front(course, 20e-3, np.arange(0.0, 0.45, 0.1))
+    for time in np.arange(0.5, 6.0, 0.1):
+        edge = 12e-3 + 1.2e-3 * max(time - 2.5, 0.0)
+        film = course.advance(contact_of((arc > 11e-3) & (arc < edge)), time, NO_WEIGHT)
+        assert np.isfinite(film.thickness).all()
+    assert not film.film[arc > 12e-3 + 2.0 * SPACING].any()
 
 
 def test_a_label_that_flickers_makes_no_hole_in_a_film(wetting):
