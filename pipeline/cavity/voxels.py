@@ -2,6 +2,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
@@ -24,7 +25,8 @@ PACKING_ITERATIONS = 80     # the compression rate has evened out; more lets sin
 SHALLOWEST = 0.2            # depth in spacings to which the few particles return that packing pushed into the wall
 
 
-def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene") -> tuple[dict[str, np.ndarray], dict]:
+def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene", shift: ArrayLike = (0.0, 0.0, 0.0)
+             ) -> tuple[dict[str, np.ndarray], dict]:
     """Fill the cavity with packed liquid particles and line it with wall particles.
 
     Parameters
@@ -32,6 +34,7 @@ def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene") -> tu
     scene : gives particle spacing, layers of wall particles, support radius and the points that must lie inside.
     mesh : closed surface of the cavity, m.
     source : file that errors name.
+    shift : (3,), particle spacings by which the lattice lies elsewhere: another start of the same scene.
 
     Returns
     -------
@@ -57,7 +60,7 @@ def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene") -> tu
                         f"{1e3 * np.cbrt(mesh.volume / FEWEST_PARTICLES):.3g} mm)")
     check_points_inside(scene, mesh, distance, source)
     walls = wall_layers(distance, spacing, numerics.wall_layers)
-    lower, upper = mesh.bounds
+    lower, upper = mesh.bounds + spacing * np.asarray(shift, float)
     fluid = deepest_points(distance, lower, upper, count, spacing)
     initialize(numerics.precision, numerics.threads, numerics.device)
     try:

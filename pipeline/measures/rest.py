@@ -92,12 +92,26 @@ def course_of_coverage(scene: Scene, initial: dict[str, np.ndarray], paths: Sequ
     frames = round(REST_WINDOW / scene.output.frame_interval) + 1
     table: dict[str, list[float]] = {}
     for path in [*paths[:1], *paths[1:][-frames:]]:
-        state = Measured(scene, initial, read_frame(path))
-        masks = state.wall.retina_masks()
-        row = {"time [s]": state.frame.time}
-        row |= {name: 100.0 * state.wall.covered_share(masks[part]) for part, name in zip(PARTS, COLUMNS, strict=True)}
-        row |= {f"volume_{name} [mL]": 1e6 * volume
-                for name, volume in zip(state.frame.liquids, state.frame.fill, strict=True)}
-        for column, number in row.items():
+        for column, number in row_of_coverage(Measured(scene, initial, read_frame(path))).items():
             table.setdefault(column, []).append(number)
     return {column: np.array(numbers, float) for column, numbers in table.items()}
+
+
+def row_of_coverage(state: Measured) -> dict[str, float]:
+    """Return what rest and the events of a scene ask for, of one frame: the columns of ``metrics.csv`` for it."""
+    masks = state.wall.retina_masks()
+    row = {"time [s]": state.frame.time}
+    row |= {name: 100.0 * state.wall.covered_share(masks[part]) for part, name in zip(PARTS, COLUMNS, strict=True)}
+    return row | {f"volume_{name} [mL]": 1e6 * volume
+                  for name, volume in zip(state.frame.liquids, state.frame.fill, strict=True)}
+
+
+def rest_begins(table: Mapping[str, np.ndarray], events: Iterable[Event] = ()) -> float:
+    """Return from when on a scene is at rest, s after the last thing that happened in it; nan if it is not known to be.
+    """
+    events = list(events)
+    for count in range(FEWEST_FRAMES, len(table["time [s]"]) + 1):
+        part = {name: column[:count] for name, column in table.items()}
+        if at_rest(part, events):
+            return quiet_since(part, events) - max((one.end for one in events), default=float(table["time [s]"][0]))
+    return float("nan")

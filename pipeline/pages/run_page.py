@@ -12,6 +12,7 @@ from pipeline.base import page
 from pipeline.base.tables import TIME
 from pipeline.base.usage import KINDS
 from pipeline.base.words import duration, memory
+from pipeline.forecast.retina_error import UNIT
 from pipeline.measures.events import Event
 from pipeline.measures.metric import LAST
 from pipeline.measures.place_course import courses_of
@@ -86,6 +87,8 @@ def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Marku
                     "read, not how far it is from the exact one.")
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
+    said += [f"At this level the covered retina at rest is {one['words']} ({one['source']})."
+             for one in run.predicted["errors"] if one.get("unit") == UNIT]
     rest = rest_in_words(run.table, events)
     breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
     return Markup('<ul class="numbers">{}</ul>{}{}').format(

@@ -18,6 +18,7 @@ from pipeline.base.words import printable
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
+from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.question_page import page_module
@@ -40,7 +41,10 @@ REPORTS = ("curves", "tradeoff", *QUESTIONS)
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of its scenes."""
+    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of its scenes.
+
+    That is the level of the study, or the ``accuracy`` of its parameters where they have one.
+    """
 
     name: str
     family: types.ModuleType
@@ -75,6 +79,7 @@ class Case:
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
         chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
+        chosen |= {name for scene in self.solved() for name in (*scene.effects, scene.numerics.scheme)}
         read: list[Any] = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
         if hasattr(self.family, "liquids"):
             liquids = (project_materials()[name] for name in self.family.liquids(self.parameters))
@@ -150,6 +155,11 @@ class Study:
                      f"{self.accuracy} --list")
             raise UserError(f'{self.name} has no case "{name}"{nearest(name, self.cases)}; its {known}')
         return self.cases[name]
+
+
+def spacings() -> dict[str, float]:
+    """Particle spacing of every accuracy level, m."""
+    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
 
 
 def study_names(folder: Path = STUDIES) -> list[str]:
@@ -244,7 +254,10 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
                             "must be made of letters, digits, _, . and -")
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
-        cases[case] = Case(case, family, one, level.accuracy)
+        accuracy = getattr(one, "accuracy", level.accuracy)
+        if accuracy not in level.known:
+            errors.add((*key, "accuracy"), f"is {describe(accuracy)}, but must be one of {', '.join(level.known)}")
+        cases[case] = Case(case, family, one, accuracy)
     return cases
 
 

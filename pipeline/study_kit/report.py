@@ -70,7 +70,8 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
 
         with_result = dataclasses.replace(study, cases={one.case: study.case(one.case) for one in found})
         found = write_tradeoff(with_result, found, target) + [unasked(outcome) for outcome in found]
-    outcomes = [*found, *failed]
+    in_short = study.page.in_short(found) if hasattr(study.page, "in_short") and complete else []
+    outcomes = [*in_short, *found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
     _write_csv(target / "table.csv", rows)
     for figure in study.figures():

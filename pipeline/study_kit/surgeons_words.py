@@ -51,3 +51,11 @@ def posture_words(posture: str) -> str:
     ('left side', 'head up 45°')
     """
     return {"head_up_45": "head up 45°"}.get(posture, posture.replace("_", " "))
+# A run of an eye at one particle spacing: covered shares in percent, whose columns end in the part or in a time.
+EYE_RUNS = ("scene", "level", "spacing [mm]", "start", "particles", "minutes", "covered [%]", "covered at rest [%]",
+            "deepest aqueous [mm]", "deepest aqueous at rest [mm]", "to rest [s]")
+
+
+def covered_at(time: float) -> str:
+    """Return the name of the covered share of the retina at a time, s."""
+    return f"covered at {time:g} s [%]"

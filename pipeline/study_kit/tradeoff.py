@@ -19,10 +19,8 @@ import numpy as np
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import ALIKE, LEAST_ORDER, error_at, in_words
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
-from pipeline.scenes.units import parse_quantity
-from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome, Row, observed_order
-from pipeline.study_kit.plan import ACCURACY, Case, Study
+from pipeline.study_kit.plan import Case, Study, spacings
 from pipeline.study_kit.tank import COMPUTING_TIME, WALL_TIME
 
 WIDTH = 0.022  # m, of the eye whose levels are marked
@@ -188,11 +186,6 @@ def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float
         known = [(one.resolution, one.error, one.least, one.most) for one in base]
         found[name] = (resolution, time, float(error_at(resolution, known, order)[0][0]) if base else math.nan)
     return found
-
-
-def spacings() -> dict[str, float]:
-    """Particle spacing of every accuracy level, m."""
-    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
 
 
 def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> list[Outcome]:

@@ -262,8 +262,9 @@ class Workflow:
     def expected_errors() -> str:
         """Return a parameter that changes with the errors that estimates tell."""
         from pipeline.forecast.expected_error import errors_file
+        from pipeline.forecast.retina_error import SHIPPED
 
-        return sha256(errors_file().read_bytes())
+        return sha256(errors_file().read_bytes() + SHIPPED.read_bytes())
 
     @staticmethod
     def page_texts(wildcards) -> str:

@@ -128,6 +128,19 @@ def test_eye_is_filled_to_its_volume(eye):
     assert len(arrays["fluid_position"]) == round(float(arrays["cavity_volume"]) / 1e-9)
 
 
+def test_a_lattice_that_lies_elsewhere_fills_the_same_eye(eye):
+    arrays, report = voxelize(scene_with(particle_spacing=1e-3), eye_mesh(eye_shape()), shift=(0.5, 0.25, 0.0))
+    assert len(arrays["fluid_position"]) == len(eye[0]["fluid_position"])
+    assert arrays["cavity_volume"] == eye[0]["cavity_volume"]
+    assert nearest_between(arrays["fluid_position"], eye[0]["fluid_position"]) > 0.3e-3
+    test_no_particle_outside_the_eye_and_none_clumped((arrays, report))
+
+
+def nearest_between(one, other):
+    """Median distance of points to the nearest of others."""
+    return np.median(cKDTree(other).query(one)[0])
+
+
 def test_no_particle_outside_the_eye_and_none_clumped(eye):
     arrays, report = eye
     depth = -distance_in(arrays).sample(arrays["fluid_position"])

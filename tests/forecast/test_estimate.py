@@ -21,8 +21,8 @@ from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.usage import KINDS, run_stage
 from pipeline.base.words import duration, memory
 from pipeline.cavity.container import container_arrays
-from pipeline.estimate import main, notes
-from pipeline.forecast import measurement
+from pipeline.estimate import Estimate, html_of, json_of, main, notes, text_of
+from pipeline.forecast import measurement, retina_error
 from pipeline.forecast.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
 from pipeline.forecast.measurement import coarser, measured, rehearsal_spacings
 from pipeline.forecast.phases import Phase, phases_of, state_in
@@ -349,6 +349,20 @@ def test_expected_error_is_measured_interpolated_or_carried_over_by_the_order(tm
     level = dataclasses.replace(predict(scene, synthetic(scene)), errors=tuple(found))
     assert notes(level)[0].startswith("expected error, a: q: 0.5 % (")
     assert "unknown" in notes(dataclasses.replace(level, errors=()))[0]
+
+
+def test_an_estimate_tells_how_near_the_retina_comes_to_rest_at_its_level(tmp_path, monkeypatch):
+    path = tmp_path / "eye_errors.csv"
+    path.write_text(",".join(retina_error.COLUMNS) + "\ntamponade,0.001,3,1.5,2.2,1.1,3.0\n")
+    monkeypatch.setattr(retina_error, "SHIPPED", path)
+    scene = load_scene(SCENES / "tamponade.yaml", "draft")
+    level = predict(scene, synthetic(scene))
+    said = ("expected error, covered retina at rest: within 3 points of the retina (measured on tamponade with "
+            "particles of 1 mm, 3 starts; docs/results/accuracy.md)")
+    assert notes(level)[0] == said
+    found = Estimate("tamponade", "Tamponade", (level,))
+    assert f"draft: {said}." in text_of(found) and said in html_of(found)
+    assert json.loads(json_of(found))["levels"][0]["errors"][0]["unit"] == "points of the retina"
 
 
 def shipped_errors():

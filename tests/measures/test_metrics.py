@@ -332,6 +332,16 @@ def test_what_happens_late_or_is_to_come_keeps_a_scene_from_its_rest(begin, end,
     assert rest.at_rest(still, [Event("a turn", begin, end)]) == rests
 
 
+def test_rest_begins_so_long_after_the_last_event_as_the_shares_go_on_to_change():
+    time = np.linspace(0.0, 8.0, 81)
+    moving = {"time [s]": time} | {f"retina_coverage_{part} [%]": np.minimum(20.0 + 10.0 * time, 60.0)
+                                   for part in rest.PARTS}  # up to 4 s
+    begins = rest.rest_begins(moving, [Event("a turn", 1.0, 1.5)])
+    assert 2.0 < begins <= 2.5
+    assert rest.rest_begins(moving, [Event("a turn", 1.0, 4.5)]) == pytest.approx(0.0, abs=0.1)
+    assert np.isnan(rest.rest_begins(moving, [Event("a turn", 1.0, 7.0)]))
+
+
 def test_what_moved_the_oil_before_does_not_count_as_its_unrest():
     """A scene that ends a second after a turn tells of that second, and that it is too short."""
     turned = table_of(lambda t: np.where(t < 3.0, 20.0 * t, 60.0 + 0.1 * t))

@@ -81,7 +81,9 @@ def write_costs(folder):
         json.dumps({"steps": 200, "particles": 3216, "device": "cpu", "frames": []}))
     (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
     error = {"quantity": "laplace: pressure jump", "value": 0.004, "words": "0.4 %", "source": "a table"}
-    (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [error]}]}))
+    retina = {"quantity": "covered retina at rest", "value": 3.0, "unit": "points of the retina",
+              "words": "within 3 points of the retina", "source": "measured on tamponade"}
+    (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [retina, error]}]}))
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +117,8 @@ def test_page_says_first_what_people_ask_for(index):
         "extends: tamponade", "tamponade.yaml</summary>")]
     assert places == sorted(places)
     assert "0.025 × real time" in text
+    quote = "At this level the covered retina at rest is within 3 points of the retina (measured on tamponade)."
+    assert text.index('class="numbers"') < text.index(quote) < text.index("<video")
 
 
 def test_titles_are_text(index):
