@@ -86,16 +86,17 @@ def in_short(outcomes: Sequence[Outcome]) -> list[Outcome]:
     lines = table_rows(outcomes, "eye_runs")
     moment, found = moment_of(lines), Outcome(case="the eye at")
     for size in sizes_of(lines):
-        rows = [("computing time by the clock", size.minutes, "min"), ("starts", float(len(size.rest)), "1")]
-        rows += [(f"retina at rest off by, {which}", value, "%") for which, value in (
+        rows = [("computing time", size.minutes, "min"), ("starts", float(len(size.rest)), "1")]
+        rows += [(f"off at rest, {which}", value, "points") for which, value in (
             ("mean", size.rest.mean()), ("least", size.rest.min()), ("largest", size.rest.max()))]
         if len(size.way):
-            rows.append((f"retina at {moment:g} s off the finest run by, largest", size.way.max(), "%"))
+            rows.append((f"off the finest run at {moment:g} s, largest", size.way.max(), "points"))
         if np.isfinite(size.rests_after).all():
-            rows.append(("time to rest, mean", size.rests_after.mean(), "s"))
-        rows += [("deepest point of the aqueous, mean", 1e-3 * size.deepest.mean(), "m"),
-                 ("deepest point of the aqueous at rest, exact", 1e-3 * size.deepest_at_rest, "m")]
-        found.rows += [Row(name, float(value), unit, at=f"{size.spacing:g} mm") for name, value, unit in rows]
+            rows.append(("time to rest", size.rests_after.mean(), "s"))
+        rows += [("deepest aqueous", size.deepest.mean(), "mm"),
+                 ("deepest aqueous at rest, exact", size.deepest_at_rest, "mm")]
+        # More digits than three say nothing of runs whose starts differ.
+        found.rows += [Row(name, float(f"{value:.3g}"), unit, at=f"{size.spacing:g} mm") for name, value, unit in rows]
         found.remarks.append(sentence(size, moment))
     return [found]
 
@@ -136,6 +137,8 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
 
 def picture_of(sizes: Sequence[Size], moment: float) -> bytes:
     """Error of the covered retina against computing time, with time to rest and depth of the aqueous beside, as PNG."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     minutes = np.array([size.minutes for size in sizes])
 
     def starts(axes, chosen: Sequence[tuple[float, np.ndarray]], color: str, label: str | None, look: str) -> None:
@@ -171,15 +174,16 @@ def picture_of(sizes: Sequence[Size], moment: float) -> bytes:
             rest.set_yticks([])
         starts(deep, list(zip(minutes, [size.deepest for size in sizes], strict=True)), AT_REST, None, "o-")
         deep.axhline(np.mean([size.deepest_at_rest for size in sizes]), color="black", ls=":", lw=1.4)
-        deep.annotate("exact, at rest", (0.98, deep.lines[-1].get_ydata()[0]), xycoords=("axes fraction", "data"),
-                      xytext=(0, 3), textcoords="offset points", ha="right", fontsize=9.0)
-        deep.set_title("Deepest aqueous / mm", loc="left", fontsize=10.5)
-        deep.set_xlabel("minutes")
-        deep.margins(y=0.3)
+        deep.set_title("Deepest aqueous / mm\n(dotted: exact, at rest)", loc="left", fontsize=10.5)
+        deep.set_xlabel("computing time / minutes")
+        for axes in (rest, deep):
+            axes.margins(y=0.2)
         for axes in (main, rest, deep):
             axes.set_xscale("log")
             axes.set_xlim(minutes.min() / 1.6, minutes.max() * 1.6)
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
             axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.tick_params(labelsize=9.5)
             axes.grid(alpha=0.3)
 
