@@ -29,6 +29,7 @@ FIELD_UNITS = {
     "wall_contacts": "1", "pressure_iterations": "1", "viscosity_iterations": "1", "time_step": "s",
     "residual_maximum": "1", "pressure_limit_hit": "1", "viscosity_limit_hit": "1",
     "kinetic_energy": "J", "potential_energy": "J", "compression_maximum": "1",
+    "film_particles": "1", "film_columns": "1", "film_exchanges": "1",
 }
 TEXTS = ("scene", "liquids", "units")
 
