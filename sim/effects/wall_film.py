@@ -1,12 +1,12 @@
 """Film of the wetting liquid between the wall and another one: columns of it slide along the wall as a whole.
 
-Oil that comes over a wetted wall leaves a film of aqueous behind, some 30 to 100 micrometers thick. Particles show it as
-a sheet one particle thick, which cannot thin as a film does: it stretches, parts into beads, and oil closes around them.
-So a column of film, from its upper end down to the liquid that it belongs to, slides with the speed of lubrication, and
-whenever it has gone one particle spacing, the particle at its upper end changes places with the oil in the corner at its
-lower end: that is what a sheet which has slid so far has lost above and gained below. What the particles do by
-themselves counts. Of what a front leaves behind, the column gives back all but the thickness of a real film, for the
-rest would never have left the liquid that the front belongs to.
+Oil that comes over a wetted wall leaves a film of aqueous behind, some 30 to 100 micrometers thick. Particles show it
+as a sheet one particle thick, which cannot thin as a film does: it stretches, parts into beads, and oil closes around
+them. So a column of film, from its upper end down to the liquid that it belongs to, slides with the speed of
+lubrication, and whenever it has gone one particle spacing, the particle at its upper end changes places with the oil in
+the corner at its lower end: that is what a sheet which has slid so far has lost above and gained below. What the
+particles do by themselves counts. Of what a front leaves behind, the column gives back all but the thickness of a real
+film, for the rest would never have left the liquid that the front belongs to.
 
 Two particles change places with all that they are, so that no volume, mass or momentum is made or lost, and only where
 that lowers the weights. There is none of it away from walls, where no film is, and in liquid at rest.
@@ -48,8 +48,9 @@ class WallFilmParameters:
     """Films of the wetting liquid between wall and oil slide off, which particles show too thick."""
 
     coefficient: float = parameter(1.0, minimum=0.0, maximum=4.0,
-                                   meaning="speed of a film as thick as a particle over that of one between two walls, "
-                                           "as stiff oil makes it; under a liquid that gives way it is 4 times as fast")
+                                   meaning="speed of a film as thick as a particle over that of one between two "
+                                           "walls, as stiff oil makes it; under a liquid that gives way it is 4 times "
+                                           "as fast")
 
 
 def _check_liquids(parameters, liquids, bulk_liquids):
@@ -57,8 +58,8 @@ def _check_liquids(parameters, liquids, bulk_liquids):
     if bulk_liquids > 2:
         yield key, f"knows films between a wall and one other liquid, but the scene has {bulk_liquids} liquids"
     elif are_unlike(liquid.density for liquid in liquids[:2]):
-        yield key, (f"cannot be used where one liquid is more than {UNLIKE:g} times as dense as the other, as beside gas: "
-                    "particles that change places would throw the gas about; remove it")
+        yield key, (f"cannot be used where one liquid is more than {UNLIKE:g} times as dense as the other, as beside "
+                    "gas: particles that change places would throw the gas about; remove it")
 
 
 def _check_angle(parameters, effects, liquids):
@@ -96,13 +97,13 @@ class WallFilm(Effect):
     fields = (
         Field("film_way", "scalar", "m", "way s_i that a column has slid since its upper end changed places",
               carried=True),
-        Field("film_time", "scalar", "s", "time since it lay in several layers, until it counts as left behind, then -1",
+        Field("film_time", "scalar", "s", "time since it lay in several layers until it counts as left behind, then -1",
               carried=True),
         Field("wall_distance", "scalar", "m", "distance to the wall"),
         Field("film_kind", "integer", "", "wetting liquid on the wall: 1 in one layer, 2 in several, 0 for all else"),
         Field("way_to_thick", "scalar", "m", "way along the wall to liquid in several layers"),
         Field("way_to_thick_next", "scalar", "m", "the same over one neighbor more"),
-        Field("film_member", "integer", "", "film, farther from thick liquid than a wedge: 1, at its upper end 2, else 0"),
+        Field("film_member", "integer", "", "1 for film, farther from thick liquid than a wedge, 2 at its upper end"),
         Field("film_next", "integer", "", "particle below it on the wall, -1 for none"),
         Field("film_direction", "vector", "1", "direction of its weight along the wall"),
         Field("film_speed", "scalar", "m/s", "speed of lubrication u_i"),
@@ -164,8 +165,8 @@ class WallFilm(Effect):
                              f"{times(reach, scales)}")
         elif is_seen(reach, scales) and cls._fronts_move(scales):
             yield Advice(WARNING, cls.name,
-                         "is missing and would be seen: what oil leaves behind on a wetted wall stays there as a film one "
-                         f"particle thick, which would slide off at {shown(speed, 'm/s')}")
+                         "is missing and would be seen: what oil leaves behind on a wetted wall stays there as a film "
+                         f"one particle thick, which would slide off at {shown(speed, 'm/s')}")
 
     @classmethod
     def _fronts_move(cls, scales) -> bool:
@@ -402,8 +403,8 @@ class WallFilm(Effect):
 
     @ti.func
     def _change_places(self, i, j):
-        """Exchange two particles; what belongs to a place, as velocity and pressure, stays there, but for what keeps the
-        momentum.
+        """Exchange two particles; what belongs to a place, as velocity and pressure, stays there, but for what keeps
+        the momentum.
         """
         mass, other = self.particles.mass[i], self.particles.mass[j]
         excess = (mass - other) / (mass + other) * (self.particles.velocity[i] - self.particles.velocity[j])  # (F5)

@@ -104,8 +104,9 @@ def test_exchanges_lower_the_weights_only(loaded):
 
 
 def test_what_a_front_leaves_behind_beyond_a_real_film_is_given_back():
-    """One particle that becomes film long after it was in the pool moves the end of its column on by dx less the film of
-    that front [bretherton1961]."""
+    """A particle that becomes film long after it was in the pool moves the end of its column on by dx less the film
+    of that front [bretherton1961].
+    """
     solver = plate()
     cavities.run_in_steps(solver, 1e-5, 3e-5)
     ways = []
