@@ -64,8 +64,8 @@ def turning_view(run: Run) -> dict[str, Any]:
         patches = run.scene.patches(globe_radius(np.asarray(wall.points)))["breaks"]
         if patches:
             color = np.array(BREAK_COLOR)
-            legend = "break of the retina" if len(patches) == 1 else "breaks of the retina"
-            meshes.append({"wall": True, "legend": [(_css(color), legend)],
+            breaks = "break of the retina" if len(patches) == 1 else "breaks of the retina"
+            meshes.append({"wall": True, "legend": [(_css(color), breaks)],
                            **packed(break_bands(wall, patches.values()), color, color)})
     else:
         color = np.array(ImageColor.getrgb(BOX_COLOR))

@@ -232,29 +232,30 @@ def compared(case: Parameters, course: Course) -> Outcome:
     gravity = end.frame.gravity
     exact = rest_of(scene, gravity / np.linalg.norm(gravity), float(end.frame.fill[end.oil] / end.cavity_volume))
     spacing, particles = 1e3 * scene.numerics.particle_spacing, len(course.initial["fluid_position"])
-    at = {"at": f"{spacing:g} mm, start {case.seed}", "wall_s": course.seconds}
+    label = f"{spacing:g} mm, start {case.seed}"
+    row = functools.partial(Row, at=label, wall_s=course.seconds)
     outcome, sharp = Outcome(), shares(Contact.of(exact))
     late = table[TIME] > table[TIME][-1] - LAST - 0.5 * scene.output.frame_interval
     covered = {part: float(table[column_of(part)][late].mean()) for part in PARTS}
     for part, name in PARTS.items():
         reference = 100.0 * sharp[name]
-        outcome.rows.append(Row(f"covered at the end, {part}", covered[part], "%", reference=reference,
-                                error=abs(covered[part] - reference), **at))
+        outcome.rows.append(row(f"covered at the end, {part}", covered[part], "%", reference=reference,
+                                error=abs(covered[part] - reference)))
     wall = cavity_mesh(scene.eye)[0]
     deepest = float(np.mean([deepest_aqueous(state, wall) for state in course.late]))
     deepest_at_rest = float(distance_to_triangles(wall, exact.surface, LONGEST_EDGE).max())
-    outcome.rows.append(Row("deepest aqueous at the end", deepest, "m", reference=deepest_at_rest,
-                            error=abs(deepest - deepest_at_rest), **at))
+    outcome.rows.append(row("deepest aqueous at the end", deepest, "m", reference=deepest_at_rest,
+                            error=abs(deepest - deepest_at_rest)))
     begins = rest_begins(table, events(scene, course.initial, table))
     if np.isfinite(begins):
-        outcome.rows.append(Row("time to rest", begins, "s", **at))
+        outcome.rows.append(row("time to rest", begins, "s"))
     else:
-        outcome.remarks.append(f"{at['at']}: not at rest within {table[TIME][-1]:g} s.")
+        outcome.remarks.append(f"{label}: not at rest within {table[TIME][-1]:g} s.")
     way = {covered_at(moment): float(np.interp(moment, table[TIME], table[column_of("whole")]))
            for moment in case.times if moment <= table[TIME][-1] + 1e-9}
-    outcome.rows += [Row(name.removesuffix(" [%]"), value, "%", **at) for name, value in way.items()]
-    outcome.rows += [Row("particles", float(particles), **at), Row(WALL_TIME, course.seconds, "s", **at)]
-    outcome.curves.append(Curve("eye_accuracy_course", at["at"], table[TIME], table[column_of("whole")], "line"))
+    outcome.rows += [row(name.removesuffix(" [%]"), value, "%") for name, value in way.items()]
+    outcome.rows += [row("particles", float(particles)), row(WALL_TIME, course.seconds, "s")]
+    outcome.curves.append(Curve("eye_accuracy_course", label, table[TIME], table[column_of("whole")], "line"))
     values = (spacing, case.seed, particles, course.seconds / 60.0, covered["whole"],
               100.0 * sharp["retina"], 1e3 * deepest, 1e3 * deepest_at_rest, begins)
     outcome.tables["eye_runs"] = [[*EYE_RUNS, *way], [scene.name, case.accuracy, *(f"{one:.6g}" for one in values),

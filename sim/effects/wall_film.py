@@ -70,12 +70,12 @@ def _check_angle(parameters, effects, liquids):
     if min(angle, math.pi - angle) < SMALLEST_ANGLE:
         least = math.degrees(SMALLEST_ANGLE)
         yield ("effects", "wall_film"), (
-            f"cannot be used with a contact angle of {math.degrees(angle):g} deg, but from {least:g} to {180 - least:g} "
-            "deg: the wedge at the contact line would be thinner than a particle over too long a way; remove it or "
-            "change the angle")
+            f"cannot be used with a contact angle of {math.degrees(angle):g} deg, but from {least:g} to "
+            f"{180 - least:g} deg: the wedge at the contact line would be thinner than a particle over too long a way; "
+            "remove it or change the angle")
     if not wetting.dynamic_viscosity:
-        yield ("effects", "wall_film"), (f"needs a film that is viscous, but the dynamic viscosity of {wetting.name} is "
-                                         "0 Pa s, not above it")
+        yield ("effects", "wall_film"), (f"needs a film that is viscous, but the dynamic viscosity of {wetting.name} "
+                                         "is 0 Pa s, not above it")
 
 
 def _contact_angle(effects):
