@@ -97,10 +97,12 @@ def test_particles_that_change_places_take_all_along_that_they_are(loaded):
     np.testing.assert_allclose(after["mass"] @ found, before["mass"] @ velocity, rtol=0.0, atol=1e-13 * total)
 
 
-def test_exchanges_lower_the_weights_only(loaded):
-    mass, position = cavities.read(loaded, "mass", "position")
+def test_every_exchange_takes_film_down(loaded):
+    mass, position, phase = cavities.read(loaded, "mass", "position", "phase")
     assert effect_of(loaded).finish(1e-5)["film_exchanges"] > 0
     assert cavities.read(loaded, "mass")[0] @ position[:, 1] < mass @ position[:, 1]
+    became_oil, became_film = (np.sign(cavities.read(loaded, "phase")[0] - phase) == sign for sign in (1, -1))
+    assert position[became_oil, 1].min() > position[became_film, 1].max()
 
 
 def test_what_a_front_leaves_behind_beyond_a_real_film_is_given_back():
