@@ -158,7 +158,7 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     assert (inferior.value, float(inferior.error), inferior.holds) == ("36", 0.5, "yes")
     outside = eye["particles outside the wall, most in any frame"]
     assert (outside.value, outside.holds) == ("3", "no")
-    costs = {row.quantity: row.value for row in rows_of(project, "costs") if row.case.startswith("tamponade, 4 s")}
+    costs = {row.quantity: row.value for row in rows_of(project, "costs") if row.case.startswith("tamponade, 10 s")}
     assert (costs["wall time of the simulation"], costs["time of all cores, simulation"]) == ("1.5", "3")
     assert costs["memory"] == "1.00"
     assert "**84.9000 %**" in (project / "README.md").read_text()
