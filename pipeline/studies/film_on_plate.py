@@ -13,7 +13,10 @@ has at rest between two plates: with y along the plates and x from one to the ot
     sigma d(sin phi)/dx = (rho_film - rho_oil) g (x cos(inclination) + y sin(inclination)), tan phi = dy/dx,
 
 and sin phi = -cos theta and cos theta at the plates (Young and Laplace), whatever y is counted from. The film begins
-where it meets the plate, and is counted from where it does so with all of the film in the pool.
+where it meets the plate, and is counted from where it does so with all of the film in the pool. The surface of the pool
+is curved there and sucks at the film, by the weight of some capillary lengths of it: a shorter film leaves faster than
+by its own weight. So at smaller spacings the tension is smaller too, by the square, and all lengths are the same in
+particles.
 
 A level plate has no down. What is on it stays. Where the film has a hole, its edges are contact lines, which leave the
 wall no faster than viscosity lets them [cox1986] (``sim.effects.parts.contact_line``).
@@ -31,7 +34,7 @@ from sim.parameters import parameter
 from sim.settings import Liquid
 
 EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "wall_film")
-GRAVITY, TENSION = 9.81, 0.04  # m/s^2, N/m
+GRAVITY = 9.81  # m/s^2
 CONTACT_ANGLE = np.radians(18.2)
 OIL, OIL_VISCOSITY = 970.0, 1.0  # kg/m^3, Pa s
 WIDTH, POOL, ABOVE = 20, 8, 6  # particles from plate to plate, least depth of the pool, and of oil above the film
@@ -58,6 +61,7 @@ class Parameters(TankParameters):
     film_viscosity: float = parameter(7e-4, unit="Pa*s", exclusive_minimum=0.0, meaning="viscosity of the aqueous")
     density_difference: float = parameter(35.0, unit="kg/m**3", exclusive_minimum=0.0,
                                           meaning="density of the aqueous less that of the oil")
+    tension: float = parameter(0.04, unit="N/m", exclusive_minimum=0.0, meaning="interface tension")
     film: str = parameter("slides", choices=("slides", "stays"),
                           meaning="whether films slide as a whole, or only as their particles do")
     times: float = parameter(2.5, exclusive_minimum=0.0,
@@ -101,7 +105,7 @@ def surface_of_pool(case: Parameters) -> tuple[np.ndarray, np.ndarray]:
     Heights are those over the mean one.
     """
     width, tilt = WIDTH * case.spacing, np.radians(case.inclination)
-    constant = case.density_difference * GRAVITY / TENSION
+    constant = case.density_difference * GRAVITY / case.tension
     steep = float(np.cos(CONTACT_ANGLE))
 
     def slope(x, unknown):
@@ -159,7 +163,7 @@ def _level(case: Parameters, rows: int, result: Run, common: dict[str, Any]) -> 
     if case.hole:
         time, hole = result.values("time"), result.values("hole")
         early = np.interp(START * time[-1], time, hole)
-        fastest = fastest_retreat(float(CONTACT_ANGLE), TENSION, case.film_viscosity, OIL_VISCOSITY,
+        fastest = fastest_retreat(float(CONTACT_ANGLE), case.tension, case.film_viscosity, OIL_VISCOSITY,
                                   rows * case.spacing)
         speed = 0.5 * (hole[-1] - early) / ((1.0 - START) * time[-1])
         found += [Row("speed of the edges of the hole / fastest retreat", speed / fastest, reference=1.0,
@@ -197,10 +201,12 @@ def _sloping(case: Parameters, rows: int):
 
     def watch(solver) -> dict[str, float]:
         place = field(solver, "position") + 0.5 * size
-        film = (field(solver, "phase") == 0) & (place[:, 0] < spacing) & (place[:, 1] > floor)
-        wide = 1.0 if case.dimension == 2 else 0.5 * SIDES
-        return {"film": np.count_nonzero(film) / wide, "top": float(place[film, 1].max(initial=floor)),
-                "exchanges": film_exchanges(solver)}
+        film = place[(field(solver, "phase") == 0) & (place[:, 0] < spacing) & (place[:, 1] > floor)]
+        strip = np.zeros(len(film), int)  # one beside the other, as wide as a particle
+        if case.dimension == 3:
+            strip = np.clip(film[:, 2] / spacing - 0.25 * SIDES, 0, SIDES // 2 - 1).astype(int)
+        tops = [film[strip == k, 1].max(initial=floor) for k in range(1 if case.dimension == 2 else SIDES // 2)]
+        return {"film": len(film) / len(tops), "top": float(np.mean(tops)), "exchanges": film_exchanges(solver)}
 
     return _solver(case, size, is_oil), watch
 
@@ -240,7 +246,7 @@ def _solver(case: Parameters, size: np.ndarray, is_oil):
     spacing, tilt = case.spacing, np.radians(case.inclination)
     effects: dict[str, Any] = {
         "gravity": {"magnitude": GRAVITY, "orientation": ((0.0, -np.cos(tilt), -np.sin(tilt), 0.0),)},
-        "viscosity_implicit": {}, "interface_tension": {"coefficient": TENSION, "contact_angle": CONTACT_ANGLE}}
+        "viscosity_implicit": {}, "interface_tension": {"coefficient": case.tension, "contact_angle": CONTACT_ANGLE}}
     if case.film == "slides":
         effects["wall_film"] = {}
     return build(case, cavity("box", size, spacing, support_ratio=case.support_ratio, dimension=case.dimension),

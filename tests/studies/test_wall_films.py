@@ -34,9 +34,9 @@ def test_weight_of_what_the_plates_lift_is_the_pull_of_tension_along_them():
     x, height = film_on_plate.surface_of_pool(case)
     weight = case.density_difference * film_on_plate.GRAVITY
     curvature = np.gradient(np.gradient(height, x), x)[len(x) // 2]
-    above_level = height - height[len(x) // 2] + film_on_plate.TENSION * curvature / weight
+    above_level = height - height[len(x) // 2] + case.tension * curvature / weight
     assert weight * np.trapezoid(above_level, x) == pytest.approx(
-        2.0 * film_on_plate.TENSION * np.cos(film_on_plate.CONTACT_ANGLE), rel=0.02)
+        2.0 * case.tension * np.cos(film_on_plate.CONTACT_ANGLE), rel=0.02)
 
 
 def test_a_flat_enough_pool_is_level_on_an_inclined_plate():
