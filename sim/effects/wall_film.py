@@ -125,7 +125,7 @@ class WallFilm(Effect):
         self.wetting = _wetting(angle)
         film, other = (solver.liquids[phase] for phase in (self.wetting, 1 - self.wetting))
         self.density_difference = film.density - other.density
-        self.wedge = (1.0 / math.tan(min(angle, math.pi - angle)) + 1.0) * self.spacing  # (F1)
+        self.wedge = (1.0 / math.tan(min(angle, math.pi - angle)) + 1.0) * self.spacing  # (N1)
         self.passes = math.ceil(self.wedge / (PASS * solver.support_radius))
         self.mobility = parameters.coefficient * self.spacing**2 / (12.0 * film.dynamic_viscosity)  # m^4/(N s)
         tension = max(effect.tension_of(effect.parameters) for effect in solver.effects)
@@ -303,7 +303,7 @@ class WallFilm(Effect):
             normal = self.distance.normal(self.particles.position[i])
             down = self.weight[None] - self.weight[None].dot(normal) * normal
             self.particles.film_direction[i] = down / ti.max(down.norm(), 1e-12)
-            self.particles.film_speed[i] = self.mobility * down.norm()  # (F2)
+            self.particles.film_speed[i] = self.mobility * down.norm()  # (N2)
             self.particles.film_member[i] = ti.select(way[i] > self.wedge, MEMBER, 0)
         for t in range(self.thin_count[None]):
             i = self.thin[t]
@@ -321,7 +321,7 @@ class WallFilm(Effect):
                         if along > STEEP * length and 2.0 * length - along < best:
                             below, best = j, 2.0 * length - along
                         ends = ends and -away.dot(weight) < STEEP * slope * length  # around a top all are ends
-            self.particles.film_next[i] = below  # (F3)
+            self.particles.film_next[i] = below  # (N3)
             if ends and self.particles.film_member[i] == MEMBER:
                 self.particles.film_member[i] = END
         ti.loop_config(serialize=True)
@@ -407,7 +407,7 @@ class WallFilm(Effect):
         the momentum.
         """
         mass, other = self.particles.mass[i], self.particles.mass[j]
-        excess = (mass - other) / (mass + other) * (self.particles.velocity[i] - self.particles.velocity[j])  # (F5)
+        excess = (mass - other) / (mass + other) * (self.particles.velocity[i] - self.particles.velocity[j])  # (N5)
         self.particles.velocity[i] += excess
         self.particles.velocity[j] += excess
         for field in ti.static(self.moved):
@@ -425,7 +425,7 @@ class WallFilm(Effect):
         capillary = speed / self.capillary_speed
         to_two_thirds = ti.pow(capillary, 2.0 / 3.0)
         thicker = ti.select(self.viscosity_ratio * to_two_thirds > 1.0, 2.0, 4.0)
-        return DEPOSIT * ti.pow(thicker, 2.0 / 3.0) * self.radius * to_two_thirds  # (F6)
+        return DEPOSIT * ti.pow(thicker, 2.0 / 3.0) * self.radius * to_two_thirds  # (N6)
 
     @ti.kernel
     def _slide(self, dt: float, begins: int):
@@ -440,7 +440,7 @@ class WallFilm(Effect):
                 lag += self.particles.film_speed[i] - self.particles.velocity[i].dot(self.particles.film_direction[i])
                 steps += 1
                 i = self._next_of_film(i)
-            self.particles.film_way[end] += dt * ti.max(lag / steps, 0.0)  # (F4)
+            self.particles.film_way[end] += dt * ti.max(lag / steps, 0.0)  # (N4)
         ti.loop_config(serialize=True)
         for _ in range(1):
             changes = 0
@@ -453,7 +453,7 @@ class WallFilm(Effect):
                 i, steps = end, 0
                 while i >= 0 and steps < LONGEST_COLUMN:
                     if self.particles.film_time[i] >= 0.0:
-                        self.particles.film_way[end] += ti.max(self.spacing - self._left_behind(i), 0.0)  # (F7)
+                        self.particles.film_way[end] += ti.max(self.spacing - self._left_behind(i), 0.0)  # (N7)
                         self.particles.film_time[i] = -1.0
                     steps += 1
                     i = self._next_of_film(i)

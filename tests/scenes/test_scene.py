@@ -248,7 +248,7 @@ BAD = {
     "drain in the lens": ("effects: {injection: {drain: [0, 0, 6 mm]}}", "drain is (0, 0, 6) mm, outside the eye"),
     "injection into a mixture": ("effects: {diffusion: {coefficient: 1e-6}}", "diffusion cannot be used together with"),
     "drain at cannula": ("effects: {injection: {drain: [-5 mm, 5 mm, 3 mm]}}", "away from it"),
-    "late injection": ("effects: {injection: {start: 9 s}}", "start is 9 s, but the scene ends at 4 s"),
+    "late injection": ("effects: {injection: {start: 19 s}}", "start is 19 s, but the scene ends at 10 s"),
     "nothing to inject": ("initial: {liquid: silicone_oil_1000}", "fill is 85 %, but silicone_oil_1000 holds 100 %"),
     "two viscosities": ("effects: {viscosity: {}}", "viscosity_implicit cannot be used together with viscosity"),
     "tension and cohesion": ("effects: {cohesion: {gamma: 1}}", "cohesion cannot be used together with interface_"),
