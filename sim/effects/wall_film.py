@@ -158,7 +158,7 @@ class WallFilm(Effect):
         speed = cls._speed(parameters or WallFilmParameters(), scales)
         reach = speed * scales.duration
         if parameters:
-            yield from if_zero(cls.name, parameters, "coefficient", "")
+            yield from if_zero(cls.name, parameters, "coefficient", "(a pure number)")
             if parameters.coefficient and speed:
                 yield Advice(SEEN_EFFECT if is_seen(reach, scales) else NOTE, cls.name,
                              f"lets a film as thick as a particle slide at {shown(speed, 'm/s')}, within the scene by "

@@ -361,7 +361,8 @@ def test_cycle_over_several_scenes(write):
 
 def test_effect_without_the_one_it_requires(write, monkeypatch):
     monkeypatch.setattr(REGISTRY["diffusion"], "requires", ("cohesion",))
-    messages = errors_of(write("extends: tamponade\neffects: {injection: null, diffusion: {coefficient: 1e-6}}"))
+    messages = errors_of(write("extends: tamponade\neffects: {injection: null, wall_film: null, "
+                               "diffusion: {coefficient: 1e-6}}"))
     assert messages[0].endswith("effects.diffusion needs the effect cohesion too; add cohesion or remove diffusion")
 
 
