@@ -23,6 +23,7 @@ import taichi as ti
 
 from sim.advice import NOTE, WARNING, Advice
 from sim.effects.effect import RESISTS, SHEARS, Effect
+from sim.effects.parts.line_friction import LineFriction
 from sim.effects.parts.liquid_viscosity import LiquidViscosity, explicit_limit, without_viscosity
 from sim.effects.parts.viscous_advice import (
     IMPLICIT_STEP_COST,
@@ -70,6 +71,7 @@ class ViscosityImplicit(Effect):
         Field("viscous_direction", "vector", "m/s", "search direction of the viscous solve"),
         Field("viscous_image", "vector", "N s", "matrix times search direction"),
         Field("viscous_diagonal", "scalar", "kg", "diagonal of the viscous matrix"),
+        Field("line_friction", "scalar", "kg/s", "force of the contact line over the velocity"),
         Field("wall_friction", "scalar", "kg/s", "viscous force of the wall over the velocity"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
@@ -80,10 +82,12 @@ class ViscosityImplicit(Effect):
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
-        self.unused_hooks = () if parameters.wall == "no_slip" else ("friction",)
         self.count = solver.count
         self.liquids = LiquidViscosity(solver)
-        self.form = FORMS[parameters.form](solver, self.particles, self.liquids, parameters.wall == "no_slip")
+        no_slip = parameters.wall == "no_slip"
+        self.form = FORMS[parameters.form](solver, self.particles, self.liquids, no_slip)
+        self.line = LineFriction(solver, self.liquids.tension) if no_slip and self.liquids.has_line else None
+        self.unused_hooks = () if no_slip else ("friction",)
         self.partial = partial_results(2)
         self.rho, self.norm, self.momentum = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
@@ -128,6 +132,10 @@ class ViscosityImplicit(Effect):
     def reals_per_pair(cls, dimension: int) -> int:
         return dimension + 1  # the matrix, and what it is made of
 
+    def prepare(self, dt: float) -> None:
+        if self.line:
+            self.line.measure(self.particles.line_friction)
+
     @ti.kernel
     def _guess(self, dt: float):
         """The velocity if viscosity does what it did in the last step (after [weiler2018])."""
@@ -144,7 +152,17 @@ class ViscosityImplicit(Effect):
     @ti.func
     def _applied(self, v: ti.template(), i, dt):
         """(M + dt K) v of particle i."""
-        return self.form.added(self.particles.mass[i] * v[i], v, i, dt)  # (V5)
+        inert = self.particles.mass[i]
+        if ti.static(bool(self.line)):
+            inert += dt * self.particles.line_friction[i]
+        return self.form.added(inert * v[i], v, i, dt)  # (V5)
+
+    @ti.kernel
+    def _add_line(self, dt: float):
+        """Add the friction of the contact line to that of the wall and to the diagonal."""
+        for i in range(self.count[None]):
+            self.particles.wall_friction[i] += self.particles.line_friction[i]
+            self.particles.viscous_diagonal[i] += dt * self.particles.line_friction[i]
 
     @ti.kernel
     def _set_residual(self, dt: float):
@@ -213,6 +231,8 @@ class ViscosityImplicit(Effect):
         self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
         self._guess(dt)
         self.form.assemble(dt)
+        if self.line:
+            self._add_line(dt)
         self.form.differentiate(self.particles.velocity)
         self._set_residual(dt)
         self._direct()
