@@ -406,9 +406,9 @@ def test_contact_line_is_read_where_the_shape_of_rest_has_it(angle):
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize(("angle", "start"), [(18.2, None), (40.0, 18.2)])
 def test_contact_line_moves_at_the_speed_of_theory_at_two_angles(angle, start):
-    """Aqueous that climbs, and that leaves the wall: two and one spacings, so within 25 %."""
-    case = contact_line.Parameters(contact_angle=angle, start_angle=start, duration=0.5, support_ratio=2.5,
-                                   resolutions=(16,), tolerance=0.25)
+    """Aqueous that climbs, and that leaves the wall, by four and three spacings: within half a one."""
+    case = contact_line.Parameters(contact_angle=angle, start_angle=start, support_ratio=2.5, resolutions=(16,),
+                                   tolerance=0.15)
     assert not rows_that_fail(contact_line.run(case))
 
 
