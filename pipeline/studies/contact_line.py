@@ -36,6 +36,7 @@ RADIUS = 0.011  # m
 SHAPES, ANGLES = 12, 200  # shapes of rest computed, and angles at which the theory is tabulated from them
 READ, POINTS = 45, 120  # shapes among which the line is read, and points along each
 AT_WALL, NEAR = 0.5, 5.0  # distances from the wall between which the interface is read, in particle spacings
+MOST = 400  # points of it that are looked at
 MARGIN, LEAST_ANGLE = np.radians(10.0), np.radians(4.0)  # by which more shapes are read than the line passes through
 START = 0.1  # of the time, in which the interface bends to the contact angle near the wall
 FIGURES = (Figure("contact_line", "Oil leaves the wall", "time / s", "way of the contact line / mm"),)
@@ -149,6 +150,7 @@ def line_of(solver, shapes: Shapes) -> float:
     near = points[(depth > AT_WALL) & (depth < NEAR)]
     if not len(near):
         return np.nan
+    near = near[::1 + len(near) // MOST]
     r, z = np.linalg.norm(np.delete(near, 1, axis=1), axis=1), near[:, 1]
     far = 2.0 * solver.spacing
     square = [np.mean(np.clip(distance_to(r, z, *curve), -far, far) ** 2) for curve in shapes.curves]
