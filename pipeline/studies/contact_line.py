@@ -53,6 +53,7 @@ class Parameters(PackedParameters):
     start_angle: float | None = parameter(None, unit="deg", minimum=5.0, maximum=45.0,
                                           meaning="contact angle of the shape of rest at the start; level without it")
     oil_viscosity: float = parameter(1.0, unit="Pa s", minimum=0.1, maximum=10.0, meaning="viscosity of the oil")
+    holds: str = parameter("share", choices=("share", "corner"), meaning="what holds it, as in viscosity_implicit")
     duration: float = parameter(1.0, unit="s", exclusive_minimum=0.0, meaning="simulated time")
     resolutions: tuple[int, ...] = parameter((16, 32), minimum=8, meaning="particles along the radius, coarse to fine")
     tolerance: float = parameter(0.3, exclusive_minimum=0.0,
@@ -193,7 +194,7 @@ def _climb(case: Parameters, resolution: int) -> Run:
         first, is_oil = shape.wall_angle, shape.is_oil
     oil = Liquid("oil", OIL_DENSITY, case.oil_viscosity)
     solver = build(case, arrays, liquids=(AQUEOUS, oil), phase=is_oil,
-                   effects={"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
+                   effects={"gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {"contact_line": case.holds},
                             "interface_tension": {"coefficient": TENSION,
                                                   "contact_angle": np.radians(case.contact_angle)}})
     solver.prepare_output()

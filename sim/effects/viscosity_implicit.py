@@ -52,6 +52,10 @@ class ViscosityImplicitParameters:
     form: str = parameter("central", choices=tuple(FORMS),
                           meaning="central pair forces; strain: exact for shear in any direction, dearer; "
                                   "laplacian: cheap and exact, but it brakes the spin of drops")
+    contact_line: str = parameter(
+        "share", choices=("share", "corner"),
+        meaning="what holds a contact line at walls without slip. share: a share of the wall's friction, chosen at one "
+                "angle; corner: the friction of its corner after Cox, in which nothing is chosen")
     explicit_if_cheaper: bool = parameter(
         True, meaning="advanced explicitly, as by the effect viscosity, in a scene in which the limit of that is not "
                       "below the other limits of the time step, so that it costs no further step; not for form strain")
@@ -71,7 +75,6 @@ class ViscosityImplicit(Effect):
         Field("viscous_direction", "vector", "m/s", "search direction of the viscous solve"),
         Field("viscous_image", "vector", "N s", "matrix times search direction"),
         Field("viscous_diagonal", "scalar", "kg", "diagonal of the viscous matrix"),
-        Field("line_friction", "scalar", "kg/s", "force of the contact line over the velocity"),
         Field("wall_friction", "scalar", "kg/s", "viscous force of the wall over the velocity"),
     )
     uses = ("position", "velocity", "volume", "mass", "phase")
@@ -83,10 +86,10 @@ class ViscosityImplicit(Effect):
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
         self.count = solver.count
-        self.liquids = LiquidViscosity(solver)
-        no_slip = parameters.wall == "no_slip"
+        no_slip, corner = parameters.wall == "no_slip", parameters.contact_line == "corner"
+        self.liquids = LiquidViscosity(solver, corner)
         self.form = FORMS[parameters.form](solver, self.particles, self.liquids, no_slip)
-        self.line = LineFriction(solver, self.liquids.tension) if no_slip and self.liquids.has_line else None
+        self.line = LineFriction(solver, self.liquids.tension) if no_slip and corner and self.liquids.has_line else None
         self.unused_hooks = () if no_slip else ("friction",)
         self.partial = partial_results(2)
         self.rho, self.norm, self.momentum = (ti.field(ti.f64, shape=()) for _ in range(3))
@@ -134,7 +137,7 @@ class ViscosityImplicit(Effect):
 
     def prepare(self, dt: float) -> None:
         if self.line:
-            self.line.measure(self.particles.line_friction)
+            self.line.measure()
 
     @ti.kernel
     def _guess(self, dt: float):
@@ -154,15 +157,15 @@ class ViscosityImplicit(Effect):
         """(M + dt K) v of particle i."""
         inert = self.particles.mass[i]
         if ti.static(bool(self.line)):
-            inert += dt * self.particles.line_friction[i]
+            inert += dt * self.line.friction[i]
         return self.form.added(inert * v[i], v, i, dt)  # (V5)
 
     @ti.kernel
     def _add_line(self, dt: float):
         """Add the friction of the contact line to that of the wall and to the diagonal."""
         for i in range(self.count[None]):
-            self.particles.wall_friction[i] += self.particles.line_friction[i]
-            self.particles.viscous_diagonal[i] += dt * self.particles.line_friction[i]
+            self.particles.wall_friction[i] += self.line.friction[i]
+            self.particles.viscous_diagonal[i] += dt * self.line.friction[i]
 
     @ti.kernel
     def _set_residual(self, dt: float):

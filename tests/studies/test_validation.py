@@ -408,7 +408,7 @@ def test_contact_line_is_read_where_the_shape_of_rest_has_it(angle):
 def test_contact_line_moves_at_the_speed_of_theory_at_two_angles(angle, start):
     """Aqueous that climbs, and that leaves the wall, by four and three spacings: within half a one."""
     case = contact_line.Parameters(contact_angle=angle, start_angle=start, support_ratio=2.5, resolutions=(16,),
-                                   tolerance=0.15)
+                                   holds="corner", tolerance=0.15)
     assert not rows_that_fail(contact_line.run(case))
 
 

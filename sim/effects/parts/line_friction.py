@@ -25,6 +25,10 @@ class LineFriction:
     Parameters
     ----------
     tension : parameters of the effect that pulls the line.
+
+    Attributes
+    ----------
+    friction : (n,) force on every particle over its velocity, kg/s.
     """
 
     def __init__(self, solver, tension):
@@ -35,6 +39,7 @@ class LineFriction:
         self.tension, self.corner = tension.coefficient, REACH * solver.spacing
         self.viscosities = [liquid.dynamic_viscosity for liquid in solver.liquids[:2]]
         self.slowest = SLOWEST * self.tension / max(self.viscosities)
+        self.friction = ti.field(real(), shape=solver.particles.capacity)
         self.held = ti.field(ti.i32, shape=())  # which liquid: 0, the first, or 1
         self.speed, self.force = (ti.field(real(), shape=NODES + 1) for _ in range(2))
         self.set_contact_angle(tension.contact_angle)
@@ -63,12 +68,12 @@ class LineFriction:
         return ti.max(((1.0 - t) * self.force[low] + t * self.force[high]) / u, 0.0)  # (V13)
 
     @ti.kernel
-    def measure(self, friction: ti.template()):
-        """Set the friction of the line on every particle over its velocity, kg/s, at present velocities."""
+    def measure(self):
+        """Set the friction of the line at present velocities."""
         for i in range(self.count[None]):
-            friction[i] = 0.0
+            self.friction[i] = 0.0
             if self.wall_pairs.count[i] > 0 and ti.min(self.phase[i], 1) == self.held[None]:
-                friction[i] = self._of_particle(i)
+                self.friction[i] = self._of_particle(i)
 
     @ti.func
     def _of_particle(self, i):

@@ -5,9 +5,10 @@ A drop moves as the liquid around it allows: its drag lies between 4 and 6 pi mu
 two viscosities it would slip through a stiff liquid as if that were thin. So a particle that is alone in a more
 viscous liquid is given the viscosity of what surrounds it. The wall counts as its like: a film on it slides.
 
-A contact line rolls over the wall in a corner that is not resolved. Particles at rest on the wall would hold it as a
-blunt corner does, whatever its angle, so the wall does not hold those that see the other liquid: the friction of the
-corner takes its place (``sim.effects.parts.line_friction``). Equations: docs/methods/viscosity.md.
+A contact line rolls over the wall in a corner that is not resolved; particles at rest on the wall would hold it twice
+as hard as the corner does [cox1986]. So the wall holds those that see the other liquid less, by a share that gives the
+line its speed (study `validation`, family `contact_line`), or not at all, where the friction of the corner takes its
+place (``sim.effects.parts.line_friction``). Equations: docs/methods/viscosity.md.
 """
 import taichi as ti
 
@@ -18,6 +19,7 @@ from sim.runtime import real
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 
 AT_LINE = 0.1  # share of the other liquid around a particle from which on it is at the contact line
+LEAST_GRIP = 0.1  # least share of the wall's friction there, for supports below 2.2 spacings
 
 EXPLICIT_WALL_FACTOR = 3.0  # largest one that an explicit step takes: more would ask for shorter steps
 
@@ -37,16 +39,32 @@ def explicit_limit(settings) -> float:
     return min(limits, default=float("inf"))
 
 
+def grip_at_line(support_ratio: float) -> float:
+    """Share of the wall's friction at a contact line, for a support over the particle spacing (V12).
+
+    Chosen for 2.5 and 3: the wider the support, the wider is the strip next to the line that is held less.
+
+    >>> [grip_at_line(ratio) for ratio in (2.0, 2.5, 2.75, 3.0, 4.0)]
+    [0.1, 0.25, 0.375, 0.5, 1.0]
+    """
+    return min(max(0.5 * support_ratio - 1.0, LEAST_GRIP), 1.0)
+
+
 @data_oriented
 class LiquidViscosity:
-    """Dynamic viscosities of the particles of a solver; an effect that measures them declares `fields`."""
+    """Dynamic viscosities of the particles of a solver; an effect that measures them declares `fields`.
+
+    Parameters
+    ----------
+    corner : whether the friction of the corner holds a contact line, and the wall does not.
+    """
 
     fields = (
         Field("own_viscosity", "scalar", "Pa s", "viscosity of the particle's liquid or mixture"),
         Field("dynamic_viscosity", "scalar", "Pa s", "the same, or that of its surroundings where it is alone in them"),
     )
 
-    def __init__(self, solver):
+    def __init__(self, solver, corner: bool = False):
         self.count, self.pairs, self.wall_pairs = solver.count, solver.pairs, solver.wall_pairs
         self.phase, self.position = solver.particles.arrays["phase"], solver.position
         self.distance, self.walls, self.spacing = solver.distance, solver.walls, solver.spacing
@@ -60,6 +78,7 @@ class LiquidViscosity:
         pulling = [effect for effect in solver.settings.effects if getattr(effect, "pulls_contact_line", False)]
         self.tension = pulling[0] if pulling else None
         self.has_line = not self.mixes and bool(pulling)
+        self.line_grip = 0.0 if corner else grip_at_line(solver.settings.numerics.support_ratio)
 
     @ti.func
     def viscosity(self, i):
@@ -115,7 +134,7 @@ class LiquidViscosity:
 
     @ti.func
     def grip(self, i):
-        """Share of the wall's friction that holds particle i: none at a contact line that tension pulls."""
+        """Share of the wall's friction that holds particle i: less next to a contact line that tension pulls."""
         unlike, total = 0.0, 1e-20
         if ti.static(self.has_line):
             neighbors = ti.select(self.wall_pairs.count[i] > 0, self.pairs.count[i], 0)
@@ -124,4 +143,4 @@ class LiquidViscosity:
                 alike = (self.phase[self.pairs.index[k]] == 0) == (self.phase[i] == 0)
                 unlike += ti.select(alike, 0.0, self.pairs.weight[k])
                 total += self.pairs.weight[k]
-        return 1.0 - ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)
+        return 1.0 - (1.0 - self.line_grip) * ti.min(unlike / (AT_LINE * total), 1.0)  # (V12)
