@@ -37,8 +37,8 @@ class LineFriction:
         self.position, self.velocity = solver.position, solver.velocity
         self.phase, self.volume = (solver.particles.arrays[name] for name in ("phase", "volume"))
         self.tension, self.corner = tension.coefficient, REACH * solver.spacing
-        self.viscosities = [liquid.dynamic_viscosity for liquid in solver.liquids[:2]]
-        self.slowest = SLOWEST * self.tension / max(self.viscosities)
+        self.first, self.second = (liquid.dynamic_viscosity for liquid in solver.liquids[:2])
+        self.slowest = SLOWEST * self.tension / max(self.first, self.second)
         self.friction = ti.field(real(), shape=solver.particles.capacity)
         self.held = ti.field(ti.i32, shape=())  # which liquid: 0, the first, or 1
         self.speed, self.force = (ti.field(real(), shape=NODES + 1) for _ in range(2))
@@ -48,8 +48,8 @@ class LineFriction:
         """Choose the contact angle through the first liquid, rad: the sharper corner is that of the one that is held.
         """
         self.held[None] = int(angle > 0.5 * math.pi)
-        for field, values in zip((self.speed, self.force),
-                                 corner_friction(angle, self.tension, *self.viscosities, self.corner), strict=True):
+        corner = corner_friction(angle, self.tension, self.first, self.second, self.corner)
+        for field, values in zip((self.speed, self.force), corner, strict=True):
             field.from_numpy(np.pad(values, (0, NODES + 1 - len(values)), mode="edge").astype(real_numpy()))
 
     @ti.func
