@@ -93,7 +93,7 @@ def test_what_a_run_of_the_scene_cannot_have_is_refused(scene):
     with pytest.raises(UserError, match="own_run: the run of the scene itself has the particle spacing of its level"):
         eye_accuracy.run(dataclasses.replace(CASE, own_run=True), {}, scene)
     with pytest.raises(UserError, match=r"starts from tamponade.*own_run: true"):
-        solved(load_scene(SCENES / "tamponade_until_rest.yaml", "draft"), 0)
+        solved(load_scene(SCENES / "saccades.yaml", "draft"), 0)
 
 
 def test_the_deepest_point_of_a_level_pool_is_its_middle():
