@@ -80,7 +80,8 @@ def tables() -> str:
     text += row(("cards of 141 GB that hold it", *(f"{np.ceil(one / GPU_MEMORY):.0f}" for one in memory)))
     text += row(("entries of the neighbor rows, of 2,147 million that can be counted, millions",
                  *(f"{entries * count / 1e6:,.0f}" for count in COUNTS)))
-    text += row(("steps of `tamponade`, 10 s, at the limit of the interface tension", *(f"{one:,.0f}" for one in steps)))
+    what = "steps of `tamponade`, 10 s, at the limit of the interface tension"
+    text += row((what, *(f"{one:,.0f}" for one in steps)))
     text += row(("time of a step on the two measured cores, s", *(f"{one:.3g}" for one in cpu)))
     text += row(("time of a step on one H200, derived, s", *(f"{one:.2g}" for one in gpu)))
     text += row(("`tamponade` on the two cores", *(span(one * many) for one, many in zip(cpu, steps, strict=True))))

@@ -17,11 +17,8 @@ from scipy.spatial import cKDTree
 from pipeline.measures.coverage import WallContact
 from pipeline.scenes.effects import contact_angle_of, knows_films, oil_of, sum_of_effects
 from pipeline.scenes.model import Scene
-from sim.effects.parts.contact_line import fastest_retreat
+from sim.effects.parts.contact_line import DEPOSIT, THICKEST, VISCOUS, fastest_retreat
 
-BRETHERTON = 1.34               # [bretherton1961]: h / R over Ca^(2/3), of a bubble without viscosity
-# Of a bubble much more viscous than the film, and at most [hodges2004, abstract]; of a less viscous one at least 1.
-VISCOUS, THICKEST = 2.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0)
 # Over the radius of a sphere as large as the cavity: of a sphere of oil that is 1/8 of the cavity, and of one of 3/5.
 MENISCUS = (0.5, 0.85)
 WAY = 3.0                       # particle spacings that a front has gone when its speed is known
@@ -66,7 +63,7 @@ class Wetting:
         capillary = self.viscosity * speed / self.tension
         viscous = self.ratio * np.cbrt(capillary) > 1.0
         least = np.where(viscous, VISCOUS, 1.0) * self.meniscus[0]
-        thick = BRETHERTON * np.stack([least, np.full_like(least, THICKEST * self.meniscus[1])]) * np.cbrt(capillary)**2
+        thick = DEPOSIT * np.stack([least, np.full_like(least, THICKEST * self.meniscus[1])]) * np.cbrt(capillary)**2
         return np.where(speed > self.retreat, thick, 0.0)  # (Q10)
 
     def thinning(self, below: np.ndarray, along: np.ndarray, gravity: float) -> np.ndarray:

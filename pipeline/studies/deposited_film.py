@@ -26,6 +26,7 @@ from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.cavity.wall_layers import wall_layers
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, film_exchanges, packed
+from sim.effects.parts.contact_line import DEPOSIT, THICKEST, VISCOUS
 from sim.parameters import parameter
 from sim.settings import Liquid
 
@@ -33,8 +34,6 @@ EFFECTS = ("injection", "gravity", "viscosity_implicit", "interface_tension", "w
 GRAVITY, TENSION = 9.81, 0.04  # m/s^2, N/m
 AQUEOUS, OIL = Liquid("aqueous", 1005.0, 7e-4), Liquid("oil", 970.0, 1.0)
 CONTACT_ANGLE = np.radians(18.2)
-BRETHERTON = 1.34
-THINNEST, THICKEST = 2.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0)  # c behind oil that is far more viscous
 LENGTH, START = 12.0, 2.5  # of the tube, and of the oil in it at the start, in radii
 TRAVEL = 5.0  # way of the front, in radii
 AFTER, BEFORE = 1.0, 2.0  # radii beyond the start and behind the end of the front between which the film is counted
@@ -75,15 +74,15 @@ def run(case: Parameters) -> Outcome:
             Curve("deposited_film", f"one particle, {result.label}", [case.capillary_number],
                   [result.solver.spacing / case.radius])]
     numbers = np.geomspace(1e-5, 1e-3, 20)
-    theory = BRETHERTON * numbers ** (2.0 / 3.0)
+    theory = DEPOSIT * numbers ** (2.0 / 3.0)
     outcome.curves += [Curve("deposited_film", words, numbers, factor * theory, "reference")
-                       for words, factor in (("Bretherton, times 2^(2/3)", THINNEST), ("times 4^(2/3)", THICKEST))]
+                       for words, factor in (("Bretherton, times 2^(2/3)", VISCOUS), ("times 4^(2/3)", THICKEST))]
     return outcome
 
 
 def film_behind(case: Parameters, factor: float) -> float:
     """Thickness of the film by theory, m, with c of the viscosities."""
-    return BRETHERTON * factor * case.radius * case.capillary_number ** (2.0 / 3.0)
+    return DEPOSIT * factor * case.radius * case.capillary_number ** (2.0 / 3.0)
 
 
 def speed_of_front(case: Parameters) -> float:
@@ -95,7 +94,7 @@ def _rows(case: Parameters, result: Run) -> list[Row]:
     common: dict[str, Any] = {"at": result.label, "wall_s": result.wall_s}
     spacing, left = result.solver.spacing, result.values("left")
     rows = [bounded("mean thickness of the film left behind / spacing", float(left[-1]), 0.5, **common),
-            Row("film behind by theory, times 2^(2/3) / spacing", film_behind(case, THINNEST) / spacing, **common),
+            Row("film behind by theory, times 2^(2/3) / spacing", film_behind(case, VISCOUS) / spacing, **common),
             Row("film behind by theory, times 4^(2/3) / spacing", film_behind(case, THICKEST) / spacing, **common),
             Row("way of the front / radius", float(result.values("front")[-1]) / case.radius, reference=TRAVEL,
                 error=abs(float(result.values("front")[-1]) / case.radius - TRAVEL), **common)]

@@ -21,6 +21,7 @@ import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, if_zero, is_seen, shown, times
 from sim.effects.effect import MIXES, REMEMBERS, Effect
+from sim.effects.parts.contact_line import DEPOSIT, THICKEST, VISCOUS
 from sim.fields import Field
 from sim.launching import data_oriented
 from sim.liquid import UNLIKE, are_unlike
@@ -36,7 +37,6 @@ NEXT = 2.0  # reach along the wall from a particle of film to the next, in spaci
 STEEP = 0.6  # least cosine between the way there and the way down
 SMALLEST_ANGLE = math.radians(5.0)  # between wall and interface: the wedge of this one is 12 spacings long
 PASS = 0.9  # of a support radius: way along the wall that one pass over the neighbors surely sees
-DEPOSIT = 1.34  # of R Ca^(2/3), the film behind a bubble in a tube [bretherton1961]
 LONGEST_COLUMN = 10_000  # particles
 FAR = 1e9  # m: no liquid in several layers is known
 OFF, THIN, DEEP = 0, 1, 2  # what a particle is: not wetting or away from the wall; on it, in one layer; in several
@@ -424,8 +424,8 @@ class WallFilm(Effect):
         speed = self.wedge / self.particles.film_time[i]
         capillary = speed / self.capillary_speed
         to_two_thirds = ti.pow(capillary, 2.0 / 3.0)
-        thicker = ti.select(self.viscosity_ratio * to_two_thirds > 1.0, 2.0, 4.0)
-        return DEPOSIT * ti.pow(thicker, 2.0 / 3.0) * self.radius * to_two_thirds  # (N6)
+        thicker = ti.select(self.viscosity_ratio * to_two_thirds > 1.0, VISCOUS, THICKEST)
+        return DEPOSIT * thicker * self.radius * to_two_thirds  # (N6)
 
     @ti.kernel
     def _slide(self, dt: float, begins: int):

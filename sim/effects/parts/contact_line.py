@@ -7,6 +7,10 @@ import math
 import numpy as np
 
 SLIP = 1e-9  # m: so near to the contact line, by molecules, liquid slips along the wall; only the logarithm counts
+# The film that a front leaves behind which is too fast for a line: h over R Ca^(2/3) of a bubble without viscosity
+# [bretherton1961], and how many times as thick it is where the bubble is much more viscous than the film, and at most
+# [hodges2004, abstract].
+DEPOSIT, VISCOUS, THICKEST = 1.34, 2.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0)
 NODES = 721  # angles at which the friction of a corner is tabulated
 
 
