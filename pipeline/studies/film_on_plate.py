@@ -2,7 +2,7 @@
 
 Gravity along the plate pulls at a film of thickness h, and the wall and the oil hold it. Oil is a thousand times as
 viscous and hardly moves, so the film flows as between two walls, with the mean speed of lubrication
-[batchelor1967, ch. 4.8]
+[batchelor1967, section 4.8]
 
     u = (rho_film - rho_oil) g sin(inclination) h^2 / (12 mu_film) .
 
