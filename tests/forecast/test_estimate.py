@@ -449,7 +449,7 @@ def test_formats_of_the_command(kept, tmp_path, capsys):
     assert "<table>" in (tmp_path / "a.html").read_text()
     main(arguments[:1])
     text = capsys.readouterr().out
-    assert "time steps" in text and "2000" in text and "standard" not in text.splitlines()[1]
+    assert "time steps" in text and "5000" in text and "standard" not in text.splitlines()[1]
 
 
 def test_measurement_is_kept_until_something_changes(kept, tmp_path, monkeypatch):
