@@ -171,7 +171,7 @@ FAULTS = (
     Fault("film_wedge", "the wedge at a contact line is taken for film",
           "ti.select(way[i] > self.wedge, MEMBER, 0)",
           "ti.select(way[i] > 0.0, MEMBER, 0)",
-          "test_liquid_on_the_wall_at_rest_is_no_film"),
+          "test_wedge_at_a_contact_line_is_no_film"),
     Fault("cohesion_sign", "particles of a liquid repel each other",
           "return (-strength * self.spline(r) / r) * x_ij",
           "return (strength * self.spline(r) / r) * x_ij",

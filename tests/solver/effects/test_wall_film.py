@@ -15,12 +15,15 @@ WIDTH, HEIGHT, POOL = 10.0 * SPACING, 32.0 * SPACING, 5.0 * SPACING
 LUBRICATION = 35.0 * 9.81 * SPACING**2 / (12.0 * AQUEOUS.dynamic_viscosity)  # m/s: 41 mm/s
 
 
-def plate(posture="upright", film=True, filmed=True):
-    """Return a box of oil over a pool, with aqueous one particle thick on its left side."""
+def plate(posture="upright", film=True, wedge=False):
+    """Return a box of oil over a pool, with aqueous on its left side: one particle thick, or the wedge of a line."""
     def phase(x):
         low = np.array([-0.5 * WIDTH, -0.5 * HEIGHT])
         from_left, from_floor = (x - low).T
-        return (from_floor > POOL) & ~(filmed & (from_left < SPACING) & (from_floor < HEIGHT - 2.0 * SPACING))
+        thickness = np.where(from_floor < HEIGHT - 2.0 * SPACING, SPACING, 0.0)
+        if wedge:
+            thickness = (POOL + 6.0 * SPACING - from_floor) * math.tan(ANGLE)
+        return (from_floor > POOL) & (from_left > thickness)
     effects = [cavities.parameters("gravity", posture=posture), cavities.parameters("viscosity_implicit"),
                cavities.parameters("interface_tension", coefficient=TENSION, contact_angle=ANGLE)]
     return cavities.build(cavities.cavity("box", (WIDTH, HEIGHT)), liquids=(AQUEOUS, OIL), phase=phase,
@@ -131,10 +134,14 @@ def test_what_a_front_leaves_behind_beyond_a_real_film_is_given_back():
     assert ways[1] == pytest.approx(SPACING - film, rel=1e-6) and 0.0 < film < 0.2 * SPACING
 
 
-def test_liquid_on_the_wall_at_rest_is_no_film():
-    """Aqueous level below oil has a wedge at the wall, and no film."""
-    solver = plate(filmed=False)
-    assert sum(cavities.run_in_steps(solver, 2e-3, 0.1, lambda solver: solver.statistics["film_exchanges"])) == 0
+def test_wedge_at_a_contact_line_is_no_film():
+    """It is as thin as a film at its end, which is near the pool."""
+    solver = plate(wedge=True)
+    seen = cavities.run_in_steps(solver, 2e-3, 0.02, lambda solver: (
+        solver.statistics["film_exchanges"], solver.statistics["film_particles"],
+        (cavities.read(solver, "film_kind")[0] == 1).sum()))
+    exchanges, film, thin = np.array(seen).T
+    assert exchanges.sum() == film.sum() == 0 and thin.min() >= 2
 
 
 def test_restarts_and_threads_change_no_bit(circle, elsewhere):
