@@ -119,7 +119,7 @@ class WallFilm(Effect):
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)
         self.count, self.spacing, self.dimension = solver.count, solver.spacing, solver.dimension
-        self.pairs, self.wall_pairs, self.search = solver.pairs, solver.wall_pairs, solver.search
+        self.pairs, self.wall_pairs = solver.pairs, solver.wall_pairs
         self.distance = solver.distance
         angle = _contact_angle(effect.parameters for effect in solver.effects)
         self.wetting = _wetting(angle)
