@@ -79,7 +79,7 @@ class PressureOperators:
             total = self.gradient_sum[i]
             for slot in range(self.pairs.count[i]):
                 k = self.pairs.entry(i, slot)
-                total += (self._share(i, self.pairs.index[k], True) - 1.0) * self.pairs.gradient[k]
+                total += (self.share(i, self.pairs.index[k], True) - 1.0) * self.pairs.gradient[k]
             self.shared_gradient_sum[i] = total
 
     @ti.func
@@ -91,7 +91,7 @@ class PressureOperators:
         return value
 
     @ti.func
-    def _share(self, i, j, weighted: ti.template()):
+    def share(self, i, j, weighted: ti.template()):
         """Share of the pressure of particle i in its pair with j; those of both add up to 2 (P13)."""
         share = 1.0
         if ti.static(weighted and self.shared_by_density):
@@ -102,7 +102,7 @@ class PressureOperators:
     @ti.func
     def likeness(self, i, j):
         """1 for two particles of one density, 4 rho_i rho_j / (rho_i + rho_j)^2 for others (P13)."""
-        return self._share(i, j, True) * self._share(j, i, True)
+        return self.share(i, j, True) * self.share(j, i, True)
 
     @ti.func
     def _gradient_sum(self, i, weighted: ti.template()):
@@ -135,7 +135,7 @@ class PressureOperators:
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             j = self.pairs.index[k]
-            total += self._share(j, i, weighted) * p[j] * self.pairs.gradient[k]
+            total += self.share(j, i, weighted) * p[j] * self.pairs.gradient[k]
         return -total
 
     @ti.func
@@ -177,7 +177,7 @@ class PressureOperators:
         for slot in range(self.pairs.count[i]):
             k = self.pairs.entry(i, slot)
             j = self.pairs.index[k]
-            total -= self._share(i, j, weighted) * v[j].dot(self.pairs.gradient[k])
+            total -= self.share(i, j, weighted) * v[j].dot(self.pairs.gradient[k])
         return total
 
     @ti.func
@@ -248,7 +248,7 @@ class PressureOperators:
             v[i] += self.push_from_wall(v, i, dt)
 
     @ti.func
-    def _own_gradient(self, i, weighted: ti.template()):
+    def own_gradient(self, i, weighted: ti.template()):
         """Gradient of a unit pressure of particle i at its own place, that of the walls it extrapolates to included."""
         total = self._gradient_sum(i, weighted)
         for slot in range(self.wall_pairs.count[i]):
@@ -270,16 +270,16 @@ class PressureOperators:
                 resistance += dt * effect.friction(i)
             self.mobility[i] = self.volume[i] / resistance
         for i in range(self.count[None]):
-            own = self._own_gradient(i, False).norm_sqr()
+            own = self.own_gradient(i, False).norm_sqr()
             plain, weighted = own / self.volume[i], self._weight(i, True) * own / self.volume[i]
             if ti.static(self.shared_by_density):
-                weighted = self._weight(i, True) * self._own_gradient(i, True).norm_sqr() / self.volume[i]
+                weighted = self._weight(i, True) * self.own_gradient(i, True).norm_sqr() / self.volume[i]
             for slot in range(self.pairs.count[i]):
                 k = self.pairs.entry(i, slot)
                 j = self.pairs.index[k]
                 square = self.pairs.gradient[k].norm_sqr()
                 plain += square / self.volume[j]
-                weighted += self._weight(j, True) * self._share(i, j, True) ** 2 * square / self.volume[j]
+                weighted += self._weight(j, True) * self.share(i, j, True) ** 2 * square / self.volume[j]
             self.diagonal[0][i] = self.volume[i] ** 2 * plain
             self.diagonal[1][i] = self.volume[i] ** 2 * weighted
 

@@ -65,12 +65,13 @@ class CubicSpline:
         return self.gradient_scale * ti.select(q <= 0.5, 3.0 * q - 2.0, -s * s / ti.max(q, 0.5))  # (K2)
 
 
+VALUE, MOMENT, SQUARE, STIFFNESS = range(4)  # what is summed up over a lattice
 KERNELS: dict[str, Any] = {"wendland_c2": WendlandC2, "cubic_spline": CubicSpline}
 
 
 @ti.kernel
 def _lattice_total(kernel: ti.template(), spacing: float, reach: int, dimension: ti.template(),
-                   moment: ti.template()) -> float:
+                   what: ti.template()) -> float:
     total = 0.0
     side = 2 * reach + 1
     ti.loop_config(serialize=True)
@@ -81,16 +82,20 @@ def _lattice_total(kernel: ti.template(), spacing: float, reach: int, dimension:
             r2 += (spacing * float(rest % side - reach)) ** 2
             rest = rest // side
         r = ti.sqrt(r2)
-        if ti.static(moment):
-            total -= kernel.gradient_factor(r) * r2
-        else:
+        if ti.static(what == VALUE):
             total += kernel.value(r)
+        if ti.static(what == MOMENT):
+            total -= kernel.gradient_factor(r) * r2
+        if ti.static(what == SQUARE):
+            total += (kernel.gradient_factor(r) * r * spacing ** dimension) ** 2
+        if ti.static(what == STIFFNESS):
+            total -= ti.select(n == side**dimension // 2, 0.0, kernel.gradient_factor(r))
     return total * spacing**dimension
 
 
 def lattice_sum(kernel, spacing: float, dimension: int) -> float:
     """Return the compression rate of a liquid at rest: the sum of V W over a square or cubic lattice."""
-    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, False)  # (K4)
+    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, VALUE)  # (K4)
 
 
 def lattice_moment(kernel, spacing: float, dimension: int) -> float:
@@ -99,4 +104,15 @@ def lattice_moment(kernel, spacing: float, dimension: int) -> float:
     By that much pair fluxes along a gradient are off on a lattice (3 % at h = 2.5 dx), and nearly so on packed sets.
     """
     # (K4)
-    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, True) / dimension
+    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, MOMENT) / dimension
+
+
+def lattice_stiffness(kernel, spacing: float, dimension: int) -> float:
+    """Return the sum of V |dW/dr|/r over the neighbors on a square or cubic lattice, 1/m^2."""
+    return _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, STIFFNESS)
+
+
+def lattice_gradient_square(kernel, spacing: float, dimension: int) -> float:
+    """Return the sum of (V dW/dr)^2 over a square or cubic lattice, 1/m^2."""
+    total = _lattice_total(kernel, spacing, math.ceil(kernel.support_radius / spacing), dimension, SQUARE)
+    return total / spacing**dimension

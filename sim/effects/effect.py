@@ -296,6 +296,21 @@ class Effect:
         """Change the velocity after the accelerations and before the pressure; return statistics."""
         return {}
 
+    def answer(self, push, answer, dt: float, tolerance: float) -> int:
+        """Set `answer` to what implicit viscosity leaves of a change `push` of the velocity, both fields of vectors, at
+        the positions of the last `correct_velocity`; return the iterations.
+        """
+        raise NotImplementedError
+
+    def take_answer(self, push, answer, share: float, dt: float) -> None:
+        """Take note that a share of an answer was added to the velocity."""
+
+    def stiffness(self) -> tuple[float, float]:
+        """Pressure over mu times the rate at which liquid is compressed, and K_ii over mu V on a lattice, 1/m^2, of the
+        matrix M + dt K of `correct_velocity`.
+        """
+        raise NotImplementedError
+
     def finish(self, dt: float) -> dict[str, float] | None:
         """Change the state once the positions have moved; neighbor rows are those of the start of the step. May return
         statistics.
@@ -324,8 +339,8 @@ class Effect:
         return ti.static(None)
 
     @ti.func
-    def implicit_viscosity(self, i):
-        """Viscosity of particle i that `correct_velocity` has counted with, Pa s."""
+    def viscous_mass(self, i):
+        """Diagonal of the matrix M + dt K of particle i that `correct_velocity` has solved with, kg."""
         return ti.static(None)
 
     # State beside the particle fields, for checkpoints.

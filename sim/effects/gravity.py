@@ -28,6 +28,7 @@ PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / math.sqrt(3.0)
 RIGHT_ANGLE, HALF_TURN = 0.5 * math.pi, math.pi
 HEAD_UP = "angle by which the head is raised from lying, such as 30 deg"
 ROLL = "angle by which a patient who lies is turned in bed, from the back toward the left side"
+STEPS_OF_JOLT = 40      # time steps in a jolt, at least
 LENGTH_ERROR = 0.05     # of the vectors of an orientation, whose length says nothing
 MOST_SPANS = 12         # turns that are looked at one by one when times are foretold
 INERTIA_OF_TURN = 1.0  # the inertial forces of a turn, which are left out, over the buoyancy, from which that is noted
@@ -407,6 +408,12 @@ class Gravity(Effect):
         """Largest acceleration that gravity gives any liquid at the present time, m/s^2."""
         share = max(abs(1.0 - self.reference_density / liquid.density) for liquid in self.solver.liquids)
         return share * float(np.linalg.norm(self.at(self.solver.time)))
+
+    def stable_time_step(self) -> float:
+        """A share of the jolt that the next step falls into, s: (A6) of docs/methods/time_step.md."""
+        now, longest = self.solver.time, self.solver.settings.numerics.maximum_time_step
+        return min((jolt.duration for jolt in self.parameters.jolts
+                    if jolt.start - longest < now < jolt.start + jolt.duration), default=float("inf")) / STEPS_OF_JOLT
 
     def prepare(self, dt: float) -> None:
         self.vector[None] = ti.Vector(list(self.at(self.solver.time)))

@@ -28,6 +28,7 @@ from sim.reductions import blocks, first, last, partial_results, running_total, 
 from sim.runtime import real, real_numpy
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
+WIDEST = 1.5  # radius of the regions over the one asked for: what the flow asks for beyond it, shorter steps give
 FEWEST = 24  # particles that grow, and shrink, at a time
 LARGEST, SMALLEST = 2.0, 0.5  # volumes at which a particle splits and wants to merge, in rest volumes
 SPLIT_DISTANCE = 0.4  # distance of the two halves from the place of the whole, in particle spacings
@@ -75,10 +76,17 @@ class InjectionParameters:
         return self.start + (math.sqrt(2.0 * volume * self.ramp / self.flow) if volume < rising
                              else 0.5 * self.ramp + volume / self.flow)
 
+    def ball(self, dimension: int) -> float:
+        """Volume of the region that is asked for, m^3 (m^2 in 2D)."""
+        return math.pi * self.radius**2 if dimension == 2 else 4.0 / 3.0 * math.pi * self.radius**3
+
     def region_volume(self, rest_volume: float, dimension: int, time_step: float) -> float:
         """Volume of the region in which liquid enters, m^3 (m^2 in 2D)."""
-        ball = (math.pi * self.radius**2 if dimension == 2 else 4.0 / 3.0 * math.pi * self.radius**3)
-        return max(FEWEST * rest_volume, ball, STEPS_TO_DOUBLE * self.flow * time_step)  # (J3)
+        return max(FEWEST * rest_volume, self.ball(dimension), STEPS_TO_DOUBLE * self.flow * time_step)  # (J3)
+
+    def longest_step(self, rest_volume: float, dimension: int) -> float:
+        """Step that makes the region no wider than it may be, s: (A8) of docs/methods/time_step.md."""
+        return max(FEWEST * rest_volume, WIDEST**dimension * self.ball(dimension)) / (STEPS_TO_DOUBLE * self.flow)
 
 
 def _check_exchange(parameters):
@@ -236,8 +244,9 @@ class Injection(Effect):
     @classmethod
     def speeds(cls, parameters, scales):
         dimension = scales.scene.dimension
-        volume = parameters.region_volume(scales.spacing**dimension, dimension,
-                                          scales.scene.numerics.maximum_time_step)
+        rest_volume = scales.spacing**dimension
+        step = min(scales.scene.numerics.maximum_time_step, parameters.longest_step(rest_volume, dimension))
+        volume = parameters.region_volume(rest_volume, dimension, step)
         yield Quantity("jet", parameters.flow * scales.radius(volume) / (dimension * volume), "m/s",
                        "flow through the surface of the droplet in which the liquid enters")
 
@@ -245,6 +254,13 @@ class Injection(Effect):
     def time_scales(cls, parameters, scales):
         end = parameters.time_of(cls._volume_to_inject(parameters, scales))
         yield Quantity("injection", end - parameters.start, "s", "volume to inject over flow, which rises first")
+
+    def stable_time_step(self) -> float:
+        """What keeps the regions narrow while liquid flows, s."""
+        longest = self.solver.settings.numerics.maximum_time_step
+        if self.finished or self.solver.time < self.parameters.start - longest:
+            return float("inf")
+        return self.parameters.longest_step(self.rest_volume, self.dimension)
 
     def exchange(self, dt: float) -> None:
         """Split and merge particles, and set the volume rates of this step."""

@@ -47,12 +47,14 @@ SLICES = 4  # bins of points along R in rows of bins, which are as wide as R: fe
 TAIL_LENGTH = 1.5  # beyond R, points count in groups, with 1/(1 + r^2/L^2)^d: a short reach would squeeze all the
 # change of M into a thin shell, whose force the pressure of disordered particles cannot balance (a bubble then rises
 # 30 % too slowly)
-VISCOUS_SHARE = 0.1  # of (mu_0 + mu_1) dx / sigma in the time step: for accuracy, see the study step_size_study; the
-# shortest wave is stable up to 4/pi
+VISCOUS_SHARE = 8.0  # of (mu_0 + mu_1) dx / sigma in the time step, per numerics.time_error: 0.4 for 5 %, see the study
+# step_size_study; the shortest wave is stable up to 4/pi
+MOTION_SHARE = 0.2  # the same of (mu_0 + mu_1) L / sigma with the size L of the cavity, in which tension moves the oil
 NODE = 6  # reals per node of the grid, beside the normal
 # The interface is curved within the capillary length L/sqrt(Bo) of the wall: above 100 a rim of less than a tenth of L,
 # and flat elsewhere; below 10 a third of L or more, that is the shape as a whole.
 FLAT_BOND, ROUND_BOND = 100.0, 10.0
+SHORT_STEPS = 1.5  # steps allowed over the largest step of the numerics, from which that is told
 TYPICAL_TENSION = 0.04  # silicone oil in water, N/m; water and other oils have 20 to 50 mN/m
 SEEN = 2.0  # a particle on the wrong side belongs to the interface if a point of it is this near, in spacings
 
@@ -207,8 +209,20 @@ class InterfaceTension(Effect):
             shape = (f"below {ROUND_BOND:g}, so it rounds the liquid as a whole" if bond < ROUND_BOND else
                      f"from {ROUND_BOND:g} to {FLAT_BOND:g}, so it curves a rim of {times(rim, scales)}")
             yield Advice(SEEN_EFFECT, cls.name, f"Bo = {bond:.3g} is {shape}")
+            yield from cls._advice_on_short_steps(parameters, scales, limits)
             yield cls._advice_on_wetting(parameters.contact_angle, scales, min(rim, scales.length))
             yield from cls._advice_on_retreat(parameters.contact_angle, scales)
+
+    @classmethod
+    def _advice_on_short_steps(cls, parameters, scales, limits):
+        """Tell of steps that viscosity allows and the numerics do not."""
+        numerics = scales.scene.numerics
+        size = scales.length * (4.0 * math.pi / 3.0) ** (1.0 / 3.0)
+        allowed = min(cls._limit(parameters, scales.scene.settings(), MOTION_SHARE * size),
+                      *(limit.value for limit in limits if limit.source != "numerics.maximum_time_step"))
+        if numerics.time_step is None and allowed > SHORT_STEPS * numerics.maximum_time_step:
+            yield Advice(NOTE, cls.name, f"allows steps of {shown(allowed, 's')}, and so does all else but "
+                                         f"numerics.maximum_time_step, {shown(numerics.maximum_time_step, 's')}")
 
     @classmethod
     def _advice_on_wetting(cls, angle: float, scales, rim: float) -> Advice:
@@ -305,24 +319,31 @@ class InterfaceTension(Effect):
     def time_step_limit(cls, parameters, settings) -> float:
         """Capillary limit: (t_v + sqrt(t_v^2 + 4 t_c^2))/2 [galusinski2008]; the constants are ours.
 
-        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity [brackbill1992], and
-        t_v = 0.1 (mu_0 + mu_1) dx / sigma the part that viscosity allows beyond it, where it is implicit: it damps the
+        t_c = sqrt((rho_0 + rho_1) dx^3 / (4 pi sigma)) is the limit without viscosity [brackbill1992], and t_v, a share
+        of (mu_0 + mu_1) dx / sigma, the part that viscosity allows beyond it, where it is implicit: it damps the
         shortest wave, which an explicit tension then drives in steps of up to (4/pi) (mu_0 + mu_1) dx / sigma.
         (A3) of docs/methods/time_step.md.
         """
+        return cls._limit(parameters, settings, VISCOUS_SHARE * settings.numerics.particle_spacing)
+
+    @classmethod
+    def _limit(cls, parameters, settings, length: float) -> float:
+        """Step in which viscosity allows a share `numerics.time_error` of (mu_0 + mu_1) length / sigma, s."""
         if parameters.coefficient == 0.0 or len(settings.liquids) < 2:
             return float("inf")
-        first, second = settings.liquids[:2]
-        spacing = settings.numerics.particle_spacing
         capillary = capillary_limit(parameters.coefficient, settings)
         if not any(getattr(effect, "damps_any_step", False) for effect in settings.effects):
             return capillary
-        viscous = VISCOUS_SHARE * (first.dynamic_viscosity + second.dynamic_viscosity) * spacing / (
-            parameters.coefficient)
+        viscosity = sum(liquid.dynamic_viscosity for liquid in settings.liquids[:2])
+        viscous = settings.numerics.time_error * viscosity * length / parameters.coefficient
         return 0.5 * (viscous + math.sqrt(viscous**2 + 4.0 * capillary**2))
 
     def stable_time_step(self) -> float:
-        return self.time_step_limit(self.parameters, self.solver.settings)
+        """The capillary limit, and that of the motion of all of the interface, s: (A3) of docs/methods/time_step.md."""
+        size = self.solver.cavity_volume ** (1.0 / self.solver.dimension)
+        settings = self.solver.settings
+        return min(self.time_step_limit(self.parameters, settings),
+                   self._limit(self.parameters, settings, MOTION_SHARE * size))
 
     def prepare(self, dt: float) -> None:
         gravity = self.solver.gravity()

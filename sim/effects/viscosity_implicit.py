@@ -168,16 +168,16 @@ class ViscosityImplicit(Effect):
             self.particles.viscous_diagonal[i] += dt * self.line.friction[i]
 
     @ti.kernel
-    def _set_residual(self, dt: float):
+    def _set_residual(self, v: ti.template(), given: ti.template(), dt: float):
         n = self.count[None]
         for i in range(n):
-            momentum = self.particles.mass[i] * self.particles.velocity_given[i]
-            self.particles.viscous_residual[i] = momentum - self._applied(self.particles.velocity, i, dt)
+            momentum = self.particles.mass[i] * given[i]
+            self.particles.viscous_residual[i] = momentum - self._applied(v, i, dt)
             self.particles.viscous_direction[i] = self.particles.velocity[i] * 0.0
         for block in range(blocks(n)):
             scale = ti.cast(0.0, ti.f64)
             for i in range(first(block, n), last(block, n)):
-                momentum = self.particles.mass[i] * self.particles.velocity_given[i]
+                momentum = self.particles.mass[i] * given[i]
                 scale += ti.cast(momentum.norm_sqr(), ti.f64) / self.particles.mass[i]
             self.partial[0, block] = scale
         ti.loop_config(serialize=True)
@@ -210,7 +210,7 @@ class ViscosityImplicit(Effect):
                 + self.beta[None] * self.particles.viscous_direction[i])
 
     @ti.kernel
-    def _advance(self, dt: float):
+    def _advance(self, v: ti.template(), dt: float):
         n = self.count[None]
         for i in range(n):
             self.particles.viscous_image[i] = self._applied(self.particles.viscous_direction, i, dt)
@@ -225,35 +225,61 @@ class ViscosityImplicit(Effect):
             self.alpha[None] = ti.select(total > 0.0, self.rho[None] / total, 0.0)
         for i in range(self.count[None]):
             alpha = self.alpha[None]
-            self.particles.velocity[i] += alpha * self.particles.viscous_direction[i]
+            v[i] += alpha * self.particles.viscous_direction[i]
             self.particles.viscous_residual[i] -= alpha * self.particles.viscous_image[i]
 
     def correct_velocity(self, dt: float) -> dict[str, float]:
-        """Conjugate gradients, started from the acceleration of the last step."""
+        """The viscous solve, started from the acceleration of the last step."""
         numerics = self.solver.settings.numerics
         self.liquids.measure(self.particles.own_viscosity, self.particles.dynamic_viscosity)
         self._guess(dt)
         self.form.assemble(dt)
         if self.line:
             self._add_line(dt)
-        self.form.differentiate(self.particles.velocity)
-        self._set_residual(dt)
-        self._direct()
-        iterations = 0
-        while (self.norm[None] > numerics.viscosity_tolerance**2 * self.momentum[None]
-               and iterations < numerics.maximum_iterations):
-            self.form.differentiate(self.particles.viscous_direction)
-            self._advance(dt)
-            self._direct()
-            iterations += 1
+        iterations = self.solve(self.particles.velocity, self.particles.velocity_given, dt,
+                                numerics.viscosity_tolerance)
         self._keep_acceleration(dt)
         return {"viscosity_iterations": iterations,
                 "viscosity_limit_hit": float(iterations >= numerics.maximum_iterations)}
+
+    def solve(self, v, given, dt: float, tolerance: float) -> int:
+        """Find v of (M + dt K) v = M given by conjugate gradients that start from the present v; return the iterations.
+
+        The norm of the residual over the mass falls to `tolerance` times that of M given.
+        """
+        most = self.solver.settings.numerics.maximum_iterations
+        self.form.differentiate(v)
+        self._set_residual(v, given, dt)
+        self._direct()
+        iterations = 0
+        while self.norm[None] > tolerance**2 * self.momentum[None] and iterations < most:
+            self.form.differentiate(self.particles.viscous_direction)
+            self._advance(v, dt)
+            self._direct()
+            iterations += 1
+        return iterations
+
+    @ti.kernel
+    def _guess_answer(self, push: ti.template(), answer: ti.template()):
+        for i in range(self.count[None]):
+            answer[i] = self.particles.mass[i] / self.particles.viscous_diagonal[i] * push[i]
+
+    def answer(self, push, answer, dt: float, tolerance: float) -> int:
+        self._guess_answer(push, answer)
+        return self.solve(answer, push, dt, tolerance)
+
+    @ti.kernel
+    def take_answer(self, push: ti.template(), answer: ti.template(), share: float, dt: float):
+        for i in range(self.count[None]):
+            self.particles.viscous_acceleration[i] += share / dt * (answer[i] - push[i])
 
     @ti.func
     def friction(self, i):
         return self.particles.wall_friction[i]
 
     @ti.func
-    def implicit_viscosity(self, i):
-        return self.particles.dynamic_viscosity[i]
+    def viscous_mass(self, i):
+        return self.particles.viscous_diagonal[i]
+
+    def stiffness(self) -> tuple[float, float]:
+        return self.form.compression, self.form.lattice_diagonal()

@@ -4,6 +4,8 @@ One divergence-free solve for the velocity, and a correction of the volume error
 ([song, section III-A] with the corrections that a cavity without free surface needs: the constant-volume solve of the
 paper, fed back into the velocity, destroys a still tank). Equations: docs/methods/pressure.md.
 """
+import math
+
 import numpy as np
 import taichi as ti
 
@@ -17,12 +19,16 @@ from sim.pressure_solver import ConjugateResiduals
 from sim.reductions import blocks, first, largest_of, last, least_of, partial_results, total_of
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
+from sim.schemes.viscous_coupling import ViscousCoupling
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
 
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
 CORRECTION_LIMIT = 0.1  # largest correction per step, in particle spacings
 GAUGE_LIMIT = 0.1  # largest background pressure, in rho dx^2 / dt^2
+RESISTED_GAUGE_LIMIT = 0.4  # the same where viscosity resists: it holds particles in order next to a contact line
+MOST_PARTS = 8  # in which particles are moved and shifted
+IN_PARTS = 0.3  # shift, in dx^2 S_i, above which a particle moves in parts, as near contact lines
 SHIFT_RATE = 30.0  # shift along -S_i in dx^2 per particle spacing that the particle travels: none in a liquid at rest
 SHIFT_LIMIT = 1.0  # largest shift, in dx^2 S_i; a vortex at Re 100 decays 19 % too fast with a tenth, 7 % with this:
 # both are chosen on that vortex, so it judges everything but them
@@ -33,8 +39,7 @@ RESIDUAL = 2.0  # mean residual of the pressure, over the tolerance times the wa
 UNLIKE_RESIDUAL = 0.3  # of that where densities are unlike: water that drives gas is 6 % too fast with all of it
 RESISTED = 1.0  # nu dt/dx^2 from which the pressure counts with viscosity; where it does not matter, a more exact
 # pressure only wakes noise (two layers of 1:2 at rest)
-ROTATION_LIMIT = 2.0  # largest nu dt/dx^2 that the pressure counts with: 4 throws a wedge of aqueous about that creeps
-# up between oil and wall (`resting_eye` at 0.4 mm, from 3.6 s on), for viscosity holds its oil from one side only
+ANSWER_TOLERANCE = 0.1  # of the viscous solve of the coupled step: 0.02 changes the way of oil by 1 %, 0.3 by 10 %
 SOFTENED = 0.1  # way of a particle in a step, in particle spacings, on which its pressure loses all of its unevenness;
 # the share grows with the square of the way, else the pressure that viscous liquid builds up step by step is lost
 SEPARATION = 0.8  # particles closer than this, in particle spacings, move apart
@@ -56,6 +61,8 @@ class VolumeIncompressible(Scheme):
         Field("pressure_change", "scalar", "Pa", "what the solve adds to the pressure of the last step"),
         Field("correction", "scalar", "m2", "potential of the position correction"),
         Field("displacement", "vector", "m", "move of the particle in this step"),
+        Field("further_correction", "vector", "m", "correction of the place in each further part of the move"),
+        Field("moves_on", "integer", "", "1 where a particle moves in several parts"),
         Field("contact", "integer", "", "1 where the wall itself stopped the particle in this step"),
     )
 
@@ -76,7 +83,8 @@ class VolumeIncompressible(Scheme):
     def meet(self, effects) -> None:
         self.volume_rate = self.solver.particles.arrays.get("volume_rate")  # only where an effect declares it
         self.volumes_change = self.volume_rate is not None
-        self.viscous_effects = [effect for effect in effects if effect.overrides("implicit_viscosity")]
+        viscous = next((effect for effect in effects if effect.overrides("viscous_mass")), None)
+        self.coupling = ViscousCoupling(self.solver, self.operators, viscous) if viscous else None
         self.operators.resisting = [effect for effect in effects
                                     if effect.overrides("friction") and "friction" not in effect.unused_hooks]
 
@@ -112,16 +120,33 @@ class VolumeIncompressible(Scheme):
         self._refuse_voids()
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
-        solver.timed("pressure", self._press, dt)
+        resisted = self.coupling is not None and self.largest_viscosity * dt > RESISTED * self.spacing**2
+        solver.timed("pressure", self._press, dt, RESISTED_GAUGE_LIMIT if resisted else GAUGE_LIMIT)
         statistics = solver.correct_velocity(dt)
-        viscous_dt = dt if self.largest_viscosity * dt > RESISTED * self.spacing**2 else 0.0
-        solver.timed("pressure", self.operators.update_diagonals, viscous_dt)
-        tolerance = RESIDUAL * self.numerics.pressure_tolerance * solver.largest_speed() * dt / self.spacing
+        solver.timed("pressure", self.operators.update_diagonals, dt if resisted else 0.0)
+        way = solver.largest_speed() * dt / self.spacing
+        tolerance = RESIDUAL * self.numerics.pressure_tolerance * way
         tolerance *= UNLIKE_RESIDUAL if self.operators.shared_by_density else 1.0
         tolerance = max(1e-9, min(1e-4, tolerance))
+        spent = self._couple(dt, tolerance) if resisted else {}
         statistics |= solver.timed("pressure", self._solve, dt, tolerance)
-        solver.timed("pressure", self._take, dt, viscous_dt)
-        return statistics | solver.timed("position correction", self.advect, dt)
+        statistics |= {name: statistics.get(name, 0) + iterations for name, iterations in spent.items()}
+        solver.timed("pressure", self._take, dt, resisted)
+        parts = min(MOST_PARTS, max(1, math.ceil(SHIFT_RATE * way))) if resisted else 1
+        return statistics | solver.timed("position correction", self.advect, dt, parts)
+
+    def _couple(self, dt: float, tolerance: float) -> dict[str, float]:
+        """Descend once along what the pressure of viscous liquid lacks, pressure and velocity together; return the
+        iterations of both solves.
+        """
+        solver, coupling, direction = self.solver, self.coupling, self.pressure_change
+        solver.timed("pressure", coupling.measure)
+        spent = solver.timed("pressure", self._solve, dt, tolerance)
+        rate = self.pressure_solver.right_side
+        solver.timed("pressure", coupling.add, direction, rate)
+        viscous = solver.timed(coupling.viscous.name, coupling.press, direction, dt, ANSWER_TOLERANCE)
+        solver.timed("pressure", coupling.descend, self.pressure, self.velocity, direction, rate, dt)
+        return {"pressure_iterations": spent["pressure_iterations"], **viscous}
 
     def _refuse_voids(self) -> None:
         """Stop where liquids have left a part of the full cavity void: the volume error (P11) is one from its mean."""
@@ -131,7 +156,7 @@ class VolumeIncompressible(Scheme):
                            f"{mean:.2f} times their density in the mean and leave a part of the full cavity void; "
                            "weaker forces between particles may hold them, more viscosity, or another numerics.scheme")
 
-    def _press(self, dt: float) -> None:
+    def _press(self, dt: float, gauge_limit: float) -> None:
         """Let the pressure of the last step act, so that implicit viscosity sees forces that nearly balance.
 
         Without it viscosity answers forces that the solve takes away again only after it, and what is left, in
@@ -139,7 +164,7 @@ class VolumeIncompressible(Scheme):
         """
         self._soften(dt)
         density = 1.0 if self.operators.shared_by_density else self.least_density
-        self._set_gauge(self._largest_weight(), GAUGE_LIMIT * density * (self.spacing / dt) ** 2)
+        self._set_gauge(self._largest_weight(), gauge_limit * density * (self.spacing / dt) ** 2)
         self.operators.accelerate_freely(self.pressure, self.velocity, dt)
 
     @ti.kernel
@@ -174,23 +199,21 @@ class VolumeIncompressible(Scheme):
                 "pressure_limit_hit": float(iterations >= most)}
 
     @ti.kernel
-    def _add_change(self, viscous_dt: float):
-        """To the change that masses ask for comes what viscosity asks for, mu times the compression that was left to
-        the solve (rotational pressure correction [timmermans1996]): else a pressure that has to
-        balance forces on viscous liquid takes many steps to form, and oil moves too fast meanwhile.
-        """
+    def _add_change(self):
         for i in range(self.count[None]):
-            change = self.pressure_change[i]
-            for effect in ti.static(self.viscous_effects):
-                reach = ti.min(effect.implicit_viscosity(i) * viscous_dt,
-                               ROTATION_LIMIT * self.spacing**2 * self.mass[i] / self.volume[i])
-                change += reach * self.pressure_solver.right_side[i] / self.volume[i]  # (P7)
-            self.pressure[i] += change
+            self.pressure[i] += self.pressure_change[i]  # (P7)
 
-    def _take(self, dt: float, viscous_dt: float) -> None:
-        """Let the change of the pressure act."""
+    def _take(self, dt: float, resisted: bool) -> None:
+        """Let the change of the pressure act.
+
+        To the change that masses ask for comes what viscosity asks for (rotational pressure correction
+        [timmermans1996]): else a pressure that has to balance forces on viscous liquid takes many steps to form, and
+        oil moves too fast meanwhile.
+        """
         self.operators.accelerate(self.pressure_change, self.velocity, dt, True)
-        self._add_change(viscous_dt)
+        self._add_change()
+        if resisted:
+            self.coupling.add(self.pressure, self.pressure_solver.right_side)  # (P7)
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}
@@ -288,29 +311,70 @@ class VolumeIncompressible(Scheme):
                 total += SEPARATION_RATE * share * missing / ti.max(x_ij.norm(), 1e-6 * self.spacing) * x_ij
         return total
 
+    @ti.func
+    def _way(self, i, dt):
+        """Way of particle i in a step, in particle spacings times the rate of the shift."""
+        return SHIFT_RATE * dt / self.spacing * self.velocity[i].norm()
+
+    @ti.func
+    def _limited(self, shift):
+        return shift * ti.min(1.0, CORRECTION_LIMIT * self.spacing / ti.max(shift.norm(), 1e-30))
+
     @ti.kernel
-    def _move(self, dt: float):
-        limit = CORRECTION_LIMIT * self.spacing
+    def _move(self, dt: float, parts: float):
+        """Move all particles; those whose shift would be capped, by the first of several parts only."""
         for b in range(self.walls.count):
             self.operators.wall_value[b] = self.operators.extrapolated(self.correction, b, False)
         for i in range(self.count[None]):
-            gradient = self.kernel_gradient_sum[i]
-            travel = dt * self.velocity[i].norm() / self.spacing
-            weight = SHIFT_RATE * travel
+            weight = self._way(i, dt)
+            part = ti.select(weight > IN_PARTS, 1.0 / parts, 1.0)
+            weight *= part
             if ti.static(self.operators.shared_by_density):
                 tension = ti.max(-self.pressure[i], 0.0) * self.operators.lightness(i, True)
                 weight += TENSION_RATE * tension * (dt / self.spacing) ** 2
-            weight = ti.min(weight, SHIFT_LIMIT)
-            shift = self.operators.pressure_force(self.correction, i, False) - weight * self.spacing**2 * gradient
-            shift += self._separation(i)
-            length = shift.norm()
-            self.displacement[i] = dt * self.velocity[i] + shift * ti.min(1.0, limit / ti.max(length, 1e-30))  # (P10)
+            correction = self.operators.pressure_force(self.correction, i, False) + self._separation(i)
+            shift = part * correction - ti.min(weight, SHIFT_LIMIT) * self.spacing**2 * self.kernel_gradient_sum[i]
+            self.displacement[i] = part * dt * self.velocity[i] + self._limited(shift)  # (P10)
+            self.further_correction[i] = ti.select(part < 1.0, part * correction, 0.0 * correction)
+            self.moves_on[i] = ti.cast(part < 1.0, ti.i32)
         for i in range(self.count[None]):
             x, v = self.wall_stop.stopped(i, self.position[i] + self.displacement[i], self.velocity[i])
             self.position[i] = x
             self.velocity[i] = v
 
-    def advect(self, dt: float) -> dict[str, float]:
+    @ti.kernel
+    def _move_on(self, dt: float, parts: float):
+        """Move those that have not arrived by a further part, with S_i at the present places of their neighbors."""
+        for i in range(self.count[None]):
+            if self.moves_on[i] == 1:
+                gradient = self._gradient_sum(i)
+                weight = ti.min(self._way(i, dt) / parts, SHIFT_LIMIT)
+                shift = self.further_correction[i] - weight * self.spacing**2 * gradient
+                self.displacement[i] = dt / parts * self.velocity[i] + self._limited(shift)
+        for i in range(self.count[None]):
+            if self.moves_on[i] == 1:
+                stopped = self.contact[i]
+                x, v = self.wall_stop.stopped(i, self.position[i] + self.displacement[i], self.velocity[i])
+                self.position[i] = x
+                self.velocity[i] = v
+                self.contact[i] = ti.max(self.contact[i], stopped)
+
+    @ti.func
+    def _gradient_sum(self, i):
+        """S_i at the present places, over the neighbors of the step."""
+        x = self.position[i]
+        total = x * 0.0
+        for slot in range(self.pairs.count[i]):
+            j = self.pairs.index[self.pairs.entry(i, slot)]
+            x_ij = self.search.separation(x, self.position[j])
+            total += self.volume[j] * self.search.kernel.gradient_factor(x_ij.norm()) * x_ij
+        for slot in range(self.wall_pairs.count[i]):
+            b = self.wall_pairs.index[self.wall_pairs.entry(i, slot)]
+            x_ib = self.search.separation(x, self.walls.position[b])
+            total += self.walls.volume[b] * self.search.kernel.gradient_factor(x_ib.norm()) * x_ib
+        return total
+
+    def advect(self, dt: float, parts: int = 1) -> dict[str, float]:
         """Move the particles with the velocity and a correction of the volume error that leaves the velocity alone.
 
         Returns the number of particles that the wall itself had to stop.
@@ -318,5 +382,7 @@ class VolumeIncompressible(Scheme):
         self._set_correction_right_side()
         self.pressure_solver.solve(self.correction, weighted=False, step=1.0, tolerance=0.0,
                                    maximum_iterations=CORRECTION_ITERATIONS)
-        self._move(dt)
+        self._move(dt, parts)
+        for _ in range(1, parts):
+            self._move_on(dt, parts)
         return {"wall_contacts": float(self.wall_stop.total())}

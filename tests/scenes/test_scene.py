@@ -167,7 +167,8 @@ def test_liquid_exchanged_by_a_mapping(write):
 def test_numerics_of_the_scene_win_over_the_level(write):
     scene = load_scene(write("extends: tamponade\nnumerics: {particle_spacing: 1 mm, courant_number: 0.4}"), "fine")
     assert scene.numerics == dataclasses.replace(
-        load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml")["fine"], particle_spacing=1e-3, courant_number=0.4)
+        load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml")["fine"], particle_spacing=1e-3, courant_number=0.4,
+        maximum_time_step=4e-3)
 
 
 def test_config_chooses_the_accuracy(write, config):

@@ -141,7 +141,8 @@ def test_time_step_is_the_smallest_limit(tank):
     numerics = tank.settings.numerics
     tension = next(effect for effect in tank.effects if effect.name == "interface_tension")
     capillary = np.sqrt(1975.0 * cavities.SPACING**3 / (4.0 * np.pi * 0.04))
-    viscous = 0.1 * 1.001 * cavities.SPACING / 0.04
+    size = np.sqrt(tank.cavity_volume)
+    viscous = numerics.time_error * 1.001 * min(8.0 * cavities.SPACING, 0.2 * size) / 0.04
     assert tension.stable_time_step() == pytest.approx(0.5 * (viscous + np.hypot(viscous, 2.0 * capillary)))
     for speed, acceleration, limit in (
             (0.0, 0.0, numerics.maximum_time_step),

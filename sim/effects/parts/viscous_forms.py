@@ -16,6 +16,7 @@ import taichi as ti
 from sim.effects.parts.viscous_weights import ViscousWeights, harmonic_mean
 from sim.launching import data_oriented
 from sim.runtime import real
+from sim.smoothing_kernels import lattice_stiffness
 
 ALIKE = 0.5  # smallest ratio of viscosities of particles that turn together, in the strain form
 THIN = 1e-6  # determinant of a moment of inertia over its trace cubed, below which particles lie in a line
@@ -29,7 +30,13 @@ class ViscousForm(abc.ABC):
     ----------
     particles : view of the particle fields, `dynamic_viscosity`, `viscous_diagonal` and `wall_friction` among them.
     liquids : friction at the wall; no_slip : whether there is any.
+
+    Attributes
+    ----------
+    compression : stress over mu times the rate at which liquid is compressed along one axis, with many pairs.
     """
+
+    compression: float
 
     def __init__(self, solver, particles, liquids, no_slip: bool):
         self.solver, self.particles, self.liquids, self.no_slip = solver, particles, liquids, no_slip
@@ -44,6 +51,10 @@ class ViscousForm(abc.ABC):
         The friction of a particle is a number: the mean over all directions of its motion.
         """
 
+    @abc.abstractmethod
+    def lattice_diagonal(self) -> float:
+        """K_ii/(mu V_i) in one liquid on a lattice, 1/m^2."""
+
     def differentiate(self, v) -> None:
         """Compute what `added` needs of the field v."""
 
@@ -55,7 +66,9 @@ class ViscousForm(abc.ABC):
 
 @data_oriented
 class CentralForm(ViscousForm):
-    """Central pair forces."""
+    """Central pair forces, which resist compression too."""
+
+    compression = 3.0
 
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
@@ -67,6 +80,9 @@ class CentralForm(ViscousForm):
     def assemble(self, dt: float) -> None:
         self.weights.measure()
         self._join(dt)
+
+    def lattice_diagonal(self) -> float:
+        return 2.0 * (self.dimension + 2) * self.weights.lattice_sums()[0]
 
     @ti.kernel
     def _join(self, dt: float):
@@ -119,9 +135,14 @@ class CentralForm(ViscousForm):
 class LaplacianForm(ViscousForm):
     """Pair forces along the difference of velocities."""
 
+    compression = 1.0
+
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
         self.pair_coefficient = self.pairs.per_entry()  # force over v_ij, kg/s
+
+    def lattice_diagonal(self) -> float:
+        return 2.0 * lattice_stiffness(self.kernel, self.solver.spacing, self.dimension)
 
     @ti.func
     def _pair(self, mu, volumes, x):
@@ -173,6 +194,8 @@ class StrainForm(ViscousForm):
     are alike in all directions on lattices too. A wall particle counts twice, as if it turned along, with the
     velocity (1 - beta_ib) v_i.
     """
+
+    compression = 2.0
 
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
@@ -241,6 +264,11 @@ class StrainForm(ViscousForm):
         self.weights.measure()
         self._join()
         self._set_diagonal(dt)
+
+    def lattice_diagonal(self) -> float:
+        d = self.dimension
+        straight, turned = self.weights.lattice_sums()
+        return 4.0 * d * straight - d * (d - 1.0) * turned
 
     @ti.kernel
     def _join(self):

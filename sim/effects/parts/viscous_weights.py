@@ -21,12 +21,17 @@ LEAST_MOMENT = 0.7  # of it, at a free surface, where half is missing
 LEAST_REACH = 0.9  # of the weights, in support radii: with a shorter one disorder costs more than the lattice does
 
 
-def lattice_excess(dimension: int, reach: float) -> float:
-    """Viscosity that shear along the axes of a cubic lattice feels over that asked for, less 1; reach in spacings."""
+def _lattice(dimension: int, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, d) around one of a lattice, their squares (n,) and their weights (n,); reach in spacings."""
     ticks = range(-math.ceil(reach), math.ceil(reach) + 1)
     place = np.array([one for one in itertools.product(ticks, repeat=dimension) if any(one)], float)
     square = (place**2).sum(axis=1)
-    weight = np.maximum(1.0 - square / reach**2, 0.0) ** 1.5
+    return place, square, np.maximum(1.0 - square / reach**2, 0.0) ** 1.5
+
+
+def lattice_excess(dimension: int, reach: float) -> float:
+    """Viscosity that shear along the axes of a cubic lattice feels over that asked for, less 1; reach in spacings."""
+    place, square, weight = _lattice(dimension, reach)
     shear = weight @ (place[:, 0] ** 2 * place[:, 1] ** 2 / square)
     return float(dimension * (dimension + 2) * shear / (weight @ square) - 1.0)
 
@@ -52,9 +57,17 @@ class ViscousWeights:
         self.pairs, self.wall_pairs, self.walls = solver.pairs, solver.wall_pairs, solver.walls
         self.position, self.search = solver.position, solver.search
         support = solver.kernel.support_radius
+        self.spacing = solver.spacing
         self.reach = isotropic_reach(self.dimension, support / solver.spacing) * support  # R, m
         self.scaled_volume = ti.field(real(), shape=solver.particles.capacity)  # V_i/sqrt(M_i), m^(d/2 - 1)
         self.least_moment = LEAST_MOMENT * EVEN[self.dimension] * self.reach ** (self.dimension + 2)
+
+    def lattice_sums(self) -> tuple[float, float]:
+        """Sums of w/(w r^2) and of (w r/(w r^2))^2 on a lattice, the lower ones of each already summed up, 1/m^2."""
+        _, square, weight = _lattice(self.dimension, self.reach / self.spacing)
+        moment = weight @ square
+        return (float(weight.sum() / moment) / self.spacing**2,
+                float((weight**2) @ square / moment**2) / self.spacing**2)
 
     @ti.func
     def weight(self, r2):

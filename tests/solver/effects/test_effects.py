@@ -316,7 +316,7 @@ def viscous_forces(effect, velocity) -> np.ndarray:
     solver = effect.solver
     solver.particles.from_numpy("viscous_direction", velocity)
     effect.form.differentiate(effect.particles.viscous_direction)
-    effect._advance(VISCOUS_STEP)
+    effect._advance(effect.particles.velocity, VISCOUS_STEP)
     (image, mass) = cavities.read(solver, "viscous_image", "mass")
     return (image - mass[:, None] * velocity) / VISCOUS_STEP
 
