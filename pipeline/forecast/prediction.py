@@ -14,6 +14,7 @@ from pipeline.base.words import duration
 from pipeline.forecast.expected_error import ExpectedError, expected_errors
 from pipeline.forecast.probe import ROUNDS, SETTLING
 from pipeline.forecast.retina_error import retina_errors
+from pipeline.forecast.step_error import step_errors
 from pipeline.scenes.model import Scene
 from sim.cores import available_cores
 
@@ -101,7 +102,7 @@ def predict(scene: Scene, measured: Mapping, cores: int | None = None) -> Predic
         measured["compilation"], total(scene, seconds, min(cores or available_cores(), available_cores())),
         max(measured["memory"], *(stage["memory"] for stage in measured["stages"].values())), disk,
         sum(phase["steps"] for phase in probe["phases"]), (*notes(scene, measured), *asked_back(scene, seconds)),
-        (*retina_errors(scene), *expected_errors(scene, width)))
+        (*retina_errors(scene), *step_errors(scene), *expected_errors(scene, width)))
 
 
 def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:

@@ -28,6 +28,7 @@ from pipeline.forecast.measurement import coarser, measured, rehearsal_spacings
 from pipeline.forecast.phases import Phase, phases_of, state_in
 from pipeline.forecast.prediction import predict, spans
 from pipeline.forecast.probe import SHORTEST, as_usage, mix_ahead, probe, rehearse, take_steps
+from pipeline.forecast.step_error import step_errors
 from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.simulation.solver_setup import build_solver
@@ -533,3 +534,16 @@ def test_predicted_and_real_stand_side_by_side():
     assert lines["simulate, wall time"][2] == "0.50" and lines["simulate, time of all cores"][1:] == ("unknown", "")
     page = cost.page_of("Still eye", level, [(name, *cells) for name, cells in lines.items()])
     assert "predicted / real" in page and "expected error" in page
+
+
+def test_error_by_the_time_step_is_what_the_scene_asks_for():
+    def words(scene):
+        return [one.words for one in step_errors(scene)]
+
+    scene = load_scene(SCENES / "tamponade.yaml", "draft")
+    assert words(scene) == ["at most 5 %"]
+    assert words(dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, time_error=0.02))) == [
+        "at most 2 %"]
+    for missing in ("viscosity_implicit", "interface_tension"):
+        effects = {name: one for name, one in scene.effects.items() if name != missing}
+        assert words(dataclasses.replace(scene, effects=effects)) == []

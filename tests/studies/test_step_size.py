@@ -1,6 +1,4 @@
 """The study of large time steps: which steps are taken, and what they are compared with."""
-import dataclasses
-
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -20,15 +18,16 @@ def test_difference_is_relative_to_the_run_with_the_smallest_steps():
     assert step_size.differences({}) == []
 
 
-def test_steps_are_counted_in_capillary_limits_of_the_eye():
-    """At 2 mm the limit is sqrt(1975 (2 mm)^3 / (4 pi 40 mN/m)) = 5.6 ms; 0.1 and 0.05 of it divide 8.4 ms evenly."""
+def test_steps_are_the_largest_of_each_run_at_a_spacing_of_its_own():
+    """At 2 mm steps of 0.56 and 0.28 ms divide 8.4 ms evenly; fewer steps cost less and are further off."""
     scene = load_scene(ROOT / "config" / "scenes" / "resting_eye.yaml", "draft")
-    scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, particle_spacing=2e-3))
-    outcome = step_size.run(step_size.Parameters(capillary_steps=(0.1, 0.05), duration=8.4e-3, support_ratio=2.5),
-                            scene)
+    outcome = step_size.run(step_size.Parameters(largest_steps=(0.56e-3, 0.28e-3), duration=8.4e-3, support_ratio=2.5,
+                                                 spacing_factor=2.0), scene)
     values = {(row.at, row.quantity): row.value for row in outcome.rows}
-    label = "[0.1 capillary limits]"
-    assert values[label, "capillary limit"] == pytest.approx(5.6e-3, rel=0.01)
-    assert values[label, "time steps"] == 15 and values["[0.05 capillary limits]", "time steps"] == 30
-    assert np.isfinite(values[label, "difference from 0.05 capillary limits"])
-    assert [curve.label for curve in outcome.curves] == ["0.1 capillary limits", "0.05 capillary limits"]
+    assert values["[0.56 ms]", "particle spacing"] == pytest.approx(2.0)
+    assert values["[0.56 ms]", "time steps"] == 15 and values["[0.28 ms]", "time steps"] == 30
+    off = values["[0.56 ms]", "difference from 0.28 ms"]
+    assert np.isfinite(values["[0.56 ms]", "kinetic energy, difference from 0.28 ms"]) and np.isfinite(off)
+    drawn = {curve.figure: curve for curve in outcome.curves if curve.figure != "step_size"}
+    assert list(drawn["step_size_error"].x) == [0.56] and drawn["step_size_error"].y == [pytest.approx(100.0 * off)]
+    assert drawn["step_size_cost"].y == drawn["step_size_error"].y and drawn["step_size_cost"].x[0] > 0.0
