@@ -30,7 +30,7 @@ class Numerics:
     time_error: float = parameter(
         0.05, minimum=0.005, maximum=0.1,
         meaning="error of slow motion under interface tension by the length of the time step, root mean square, as "
-                "measured on oil that comes to rest in the eye; felt where viscosity_implicit allows long steps")
+                "measured against steps of a quarter; felt where viscosity_implicit allows long steps")
     maximum_time_step: float = parameter(2e-3, unit="s", exclusive_minimum=0.0, meaning="largest time step")
     time_step: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
                                         meaning="fixed time step, else the largest stable one")

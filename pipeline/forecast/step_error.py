@@ -12,5 +12,6 @@ def step_errors(scene: Scene) -> list[ExpectedError]:
     if not damped or sum_of_effects(scene, "tension_of") == 0.0:
         return []
     error = scene.numerics.time_error
-    return [ExpectedError("slow motion, by the length of the time step", error, "1", f"at most {100.0 * error:g} %",
-                          f"numerics.time_error, as measured on oil that comes to rest in the eye; {PAGE}")]
+    return [ExpectedError("slow motion, by the length of the time step", error, "1", f"about {100.0 * error:g} %",
+                          "numerics.time_error, as measured on oil that comes to rest in the eye against steps of a "
+                          f"quarter; {PAGE}")]

@@ -541,9 +541,9 @@ def test_error_by_the_time_step_is_what_the_scene_asks_for():
         return [one.words for one in step_errors(scene)]
 
     scene = load_scene(SCENES / "tamponade.yaml", "draft")
-    assert words(scene) == ["at most 5 %"]
+    assert words(scene) == ["about 5 %"]
     assert words(dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, time_error=0.02))) == [
-        "at most 2 %"]
+        "about 2 %"]
     for missing in ("viscosity_implicit", "interface_tension"):
         effects = {name: one for name, one in scene.effects.items() if name != missing}
         assert words(dataclasses.replace(scene, effects=effects)) == []

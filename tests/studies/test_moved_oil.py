@@ -129,7 +129,7 @@ def test_the_page_says_what_finer_particles_change_and_what_is_not_known(study, 
     assert "illustration of physics, not for decisions on a patient" in text and "&lt;" not in text
     assert "5.0 Pa in the mean with oil 1000 and 5.5 Pa with oil 5000" in text  # the finer particles left out
     assert "5.0 ± 0.7" in text                          # a spread of 0.2, and 10 % by finer particles
-    assert "4 ± 1</td>" in text                         # 10 % by finer particles and a fifth by long steps
+    assert "4 ± 1</td>" in text                         # 10 % by finer particles and 8 % by long steps
     assert "–</td>" in text                             # the thick oil has not made its way
     assert "oil 1000 needs 7 s for 80 % of its way." in text
     assert "With oil 5000 that takes longer than was simulated." in text
