@@ -90,6 +90,7 @@ class ViscosityImplicit(Effect):
         self.liquids = LiquidViscosity(solver, corner)
         self.form = FORMS[parameters.form](solver, self.particles, self.liquids, no_slip)
         self.line = LineFriction(solver, self.liquids.tension) if no_slip and corner and self.liquids.has_line else None
+        self.coupling = None  # with the pressure, in schemes that have one
         self.unused_hooks = () if no_slip else ("friction",)
         self.partial = partial_results(2)
         self.rho, self.norm, self.momentum = (ti.field(ti.f64, shape=()) for _ in range(3))

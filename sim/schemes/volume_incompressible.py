@@ -19,8 +19,8 @@ from sim.pressure_solver import ConjugateResiduals
 from sim.reductions import blocks, first, largest_of, last, least_of, partial_results, total_of
 from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
-from sim.schemes.viscous_coupling import ViscousCoupling
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
+from sim.viscous_coupling import ViscousCoupling
 
 CORRECTION_RATE = 0.2  # share of the volume error removed per step; 0.5 gains nothing
 CORRECTION_ITERATIONS = 5  # stopping early filters the noise that a disordered set cannot meet anyway
@@ -83,8 +83,9 @@ class VolumeIncompressible(Scheme):
     def meet(self, effects) -> None:
         self.volume_rate = self.solver.particles.arrays.get("volume_rate")  # only where an effect declares it
         self.volumes_change = self.volume_rate is not None
-        viscous = next((effect for effect in effects if effect.overrides("viscous_mass")), None)
-        self.coupling = ViscousCoupling(self.solver, self.operators, viscous) if viscous else None
+        self.viscous = next((effect for effect in effects if effect.overrides("viscous_mass")), None)
+        if self.viscous:
+            self.viscous.coupling = ViscousCoupling(self.solver, self.operators, self.viscous)
         self.operators.resisting = [effect for effect in effects
                                     if effect.overrides("friction") and "friction" not in effect.unused_hooks]
 
@@ -120,7 +121,7 @@ class VolumeIncompressible(Scheme):
         self._refuse_voids()
         solver.accelerate(dt)
         solver.timed("pressure", self.operators.push_from_walls, self.position, self.acceleration, self.velocity, dt)
-        resisted = self.coupling is not None and self.largest_viscosity * dt > RESISTED * self.spacing**2
+        resisted = self.viscous is not None and self.largest_viscosity * dt > RESISTED * self.spacing**2
         solver.timed("pressure", self._press, dt, RESISTED_GAUGE_LIMIT if resisted else GAUGE_LIMIT)
         statistics = solver.correct_velocity(dt)
         solver.timed("pressure", self.operators.update_diagonals, dt if resisted else 0.0)
@@ -139,12 +140,12 @@ class VolumeIncompressible(Scheme):
         """Descend once along what the pressure of viscous liquid lacks, pressure and velocity together; return the
         iterations of both solves.
         """
-        solver, coupling, direction = self.solver, self.coupling, self.pressure_change
+        solver, coupling, direction = self.solver, self.viscous.coupling, self.pressure_change
         solver.timed("pressure", coupling.measure)
         spent = solver.timed("pressure", self._solve, dt, tolerance)
         rate = self.pressure_solver.right_side
         solver.timed("pressure", coupling.add, direction, rate)
-        viscous = solver.timed(coupling.viscous.name, coupling.press, direction, dt, ANSWER_TOLERANCE)
+        viscous = solver.timed(self.viscous.name, coupling.press, direction, dt, ANSWER_TOLERANCE)
         solver.timed("pressure", coupling.descend, self.pressure, self.velocity, direction, rate, dt)
         return {"pressure_iterations": spent["pressure_iterations"], **viscous}
 
@@ -213,7 +214,7 @@ class VolumeIncompressible(Scheme):
         self.operators.accelerate(self.pressure_change, self.velocity, dt, True)
         self._add_change()
         if resisted:
-            self.coupling.add(self.pressure, self.pressure_solver.right_side)  # (P7)
+            self.viscous.coupling.add(self.pressure, self.pressure_solver.right_side)  # (P7)
 
     def state(self) -> dict:
         return {"wall_compression_rest": self.wall_compression_rest.to_numpy()}

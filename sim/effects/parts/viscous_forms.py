@@ -16,7 +16,7 @@ import taichi as ti
 from sim.effects.parts.viscous_weights import ViscousWeights, harmonic_mean
 from sim.launching import data_oriented
 from sim.runtime import real
-from sim.smoothing_kernels import lattice_stiffness
+from sim.smoothing_kernels import LatticeGradients
 
 ALIKE = 0.5  # smallest ratio of viscosities of particles that turn together, in the strain form
 THIN = 1e-6  # determinant of a moment of inertia over its trace cubed, below which particles lie in a line
@@ -140,9 +140,10 @@ class LaplacianForm(ViscousForm):
     def __init__(self, solver, particles, liquids, no_slip: bool):
         super().__init__(solver, particles, liquids, no_slip)
         self.pair_coefficient = self.pairs.per_entry()  # force over v_ij, kg/s
+        self.lattice = LatticeGradients(self.kernel, solver.spacing, self.dimension)
 
     def lattice_diagonal(self) -> float:
-        return 2.0 * lattice_stiffness(self.kernel, self.solver.spacing, self.dimension)
+        return 2.0 * self.lattice.stiffness()
 
     @ti.func
     def _pair(self, mu, volumes, x):

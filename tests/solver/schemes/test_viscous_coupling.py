@@ -54,9 +54,9 @@ def test_pressure_counts_with_the_viscosity_of_what_is_around(oil):
     solver, start = oil
     solver.restore(start)
     solver.step()
-    form = solver.scheme.coupling.viscous.parameters.form
+    form = solver.scheme.viscous.parameters.form
     position, phase = cavities.read(solver, "position", "phase")
-    slack = solver.scheme.coupling.slack.to_numpy()[:len(phase)] / solver.statistics["time_step"]
+    slack = solver.scheme.viscous.coupling.slack.to_numpy()[:len(phase)] / solver.statistics["time_step"]
     is_oil, center = phase == 1, np.linalg.norm(position, axis=1)
     height = position[:, 1] - position[phase == 0, 1].max()
     inside = is_oil & (center < RADIUS - 4.0 * SPACING) & (height > 4.0 * SPACING)

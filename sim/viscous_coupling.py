@@ -11,12 +11,12 @@ from sim.launching import data_oriented
 from sim.pressure_operators import PressureOperators
 from sim.reductions import blocks, first, last, partial_results, total_of
 from sim.runtime import real
-from sim.smoothing_kernels import lattice_gradient_square
+from sim.smoothing_kernels import LatticeGradients
 
 
 @data_oriented
 class ViscousCoupling:
-    """B and the search along one direction.
+    """B and the search along one direction. It belongs to the effect that needs it.
 
     Parameters
     ----------
@@ -34,7 +34,8 @@ class ViscousCoupling:
         self.partial = partial_results(2)
         self.slope, self.curvature = (ti.field(ti.f64, shape=()) for _ in range(2))
         compression, diagonal = viscous.stiffness()
-        self.scale = compression * lattice_gradient_square(solver.kernel, solver.spacing, dimension) / diagonal
+        self.lattice = LatticeGradients(solver.kernel, solver.spacing, dimension)
+        self.scale = compression * self.lattice.square() / diagonal
 
     @ti.kernel
     def measure(self):
