@@ -96,7 +96,7 @@ def span(seconds: float) -> str:
     for unit, size in (("years", 365 * 86400.0), ("days", 86400.0), ("h", 3600.0)):
         if seconds > 2 * size:
             return f"{seconds / size:.{0 if seconds > 10 * size else 1}f} {unit}"
-    return f"{seconds / 60.0:.2g} min"
+    return f"{seconds / 60.0:.{0 if seconds > 6000.0 else 1}f} min"
 
 
 def main() -> None:
