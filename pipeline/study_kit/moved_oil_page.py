@@ -282,8 +282,8 @@ def _validated(movements: Movements) -> list[str]:
             f"after {min(ends):.0f} to {max(ends):.0f} % of the way there, and creep on into the front edges:",
             link_to("methods/equilibrium.md")))
     items.append(page.joined(
-        f"In another scene oil moves {100.0 * WIDER_SUPPORT - 100.0:.0f} % faster with a support of the kernel of 3 spacings "
-        "than with the 2.5 here:",
+        f"In another scene oil moves {100.0 * WIDER_SUPPORT - 100.0:.0f} % faster with a support of the kernel of 3 "
+        "spacings than with the 2.5 here:",
         link_to("results/step_size.md")))
     still = movements.found.get((movements.oils[0], SACCADES, STRESS))
     if still:
