@@ -8,8 +8,8 @@ at 0.4 mm, over that of the central form:
 
 central    0.8, 0.5 % (6.1, 3.6 %); 1. The default: the cheaper one of the two that keep the spin of drops. In 3D, as in
            the eye, 0.6 % with 24 spacings and either support.
-laplacian  1.4, 0.7 % (2.3, 1.6 %); 0.7. Brakes drops that turn, so not for oil in aqueous.
-strain     1.8, 0.9 % (4.7, 1.6 %); 2.2. As many iterations, each twice as dear. Exact for shear in any direction, on
+laplacian  1.4, 0.7 % (3.8, 1.5 %); 0.7. Brakes drops that turn, so not for oil in aqueous.
+strain     1.8, 0.9 % (7.0, 4.0 %); 2.2. As many iterations, each twice as dear. Exact for shear in any direction, on
            lattices too, but stiff on scales of a few spacings: a drop of 6 creeps 10 % too slowly.
 
 M + dt K is symmetric and positive definite; conjugate gradients with the diagonal as preconditioner, started from the
