@@ -63,7 +63,7 @@ class ViscousWeights:
         self.least_moment = LEAST_MOMENT * EVEN[self.dimension] * self.reach ** (self.dimension + 2)
 
     def lattice_sums(self) -> tuple[float, float]:
-        """Sums of w/(w r^2) and of (w r/(w r^2))^2 on a lattice, the lower ones of each already summed up, 1/m^2."""
+        """Sum of w over that of w r^2, and sum of w^2 r^2 over the square of that of w r^2, on a lattice, 1/m^2."""
         _, square, weight = _lattice(self.dimension, self.reach / self.spacing)
         moment = weight @ square
         return (float(weight.sum() / moment) / self.spacing**2,
