@@ -12,17 +12,37 @@ from pipeline.surfaces.surface_files import EMPTY, read_surface, surface_path
 
 WALL_COLOR = "#dfe5ec"
 WALL_OPACITY, CLEAR_OPACITY = 0.25, 0.35  # of the wall, and of the liquid around the others
+ROUGHNESS = 0.35
+
+
+def mesh_of(path: Path) -> trimesh.Trimesh:
+    """Return the triangles of a surface file in m; it may be empty.
+
+    Raises
+    ------
+    UserError : the file is missing.
+    """
+    surface = read_surface(path)
+    faces = surface.regular_faces if surface.n_cells else np.zeros((0, 3), int)
+    return trimesh.Trimesh(np.asarray(surface.points, float), faces, process=False)
 
 
 def meshes_of(frame: SavedFrame, scene: Scene, wall: Path) -> dict[str, trimesh.Trimesh]:
     """Return the closed surfaces of a frame in m, name of the liquid or ``wall`` -> mesh; one may be empty."""
     files = {liquid.name: surface_path(frame.surfaces, frame.name, liquid.name) for liquid in scene.liquids}
-    meshes = {}
-    for name, path in (files | {"wall": wall}).items():
-        surface = read_surface(path)
-        faces = surface.regular_faces if surface.n_cells else np.zeros((0, 3), int)
-        meshes[name] = trimesh.Trimesh(np.asarray(surface.points, float), faces, process=False)
-    return meshes
+    return {name: mesh_of(path) for name, path in (files | {"wall": wall}).items()}
+
+
+def colors_of(scene: Scene) -> dict[str, tuple[str, float]]:
+    """Return the color, #rrggbb in sRGB, and the opacity of every liquid and of the ``wall``."""
+    return {liquid.name: (liquid.color, CLEAR_OPACITY if liquid.name == background_of(scene) else 1.0)
+            for liquid in scene.liquids} | {"wall": (WALL_COLOR, WALL_OPACITY)}
+
+
+def linear(color: str) -> np.ndarray:
+    """Return red, green and blue (3,) of a color #rrggbb as amounts of light, with which programs multiply."""
+    light = np.array([int(color[k:k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    return np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
 
 
 def write_meshes(folder: Path, name: str, meshes: Mapping[str, trimesh.Trimesh], scene: Scene,
@@ -51,8 +71,7 @@ def write_meshes(folder: Path, name: str, meshes: Mapping[str, trimesh.Trimesh],
 
 def gltf(meshes: Mapping[str, trimesh.Trimesh], scene: Scene) -> bytes:
     """Return one binary glTF file with a named node for every mesh that is not empty."""
-    colors = {liquid.name: (liquid.color, CLEAR_OPACITY if liquid.name == background_of(scene) else 1.0)
-              for liquid in scene.liquids} | {"wall": (WALL_COLOR, WALL_OPACITY)}
+    colors = colors_of(scene)
     whole = trimesh.Scene()
     for name, mesh in meshes.items():
         if len(mesh.faces):
@@ -64,9 +83,6 @@ def gltf(meshes: Mapping[str, trimesh.Trimesh], scene: Scene) -> bytes:
 
 def material(name: str, color: str, opacity: float) -> trimesh.visual.material.PBRMaterial:
     """Return a smooth dielectric of a color, #rrggbb in sRGB."""
-    # glTF multiplies with linear colors.
-    light = np.array([int(color[k:k + 2], 16) / 255.0 for k in (1, 3, 5)])
-    linear = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
     return trimesh.visual.material.PBRMaterial(
-        name=name, baseColorFactor=[*linear, opacity], metallicFactor=0.0, roughnessFactor=0.35, doubleSided=True,
-        alphaMode="OPAQUE" if opacity == 1.0 else "BLEND")
+        name=name, baseColorFactor=[*linear(color), opacity], metallicFactor=0.0, roughnessFactor=ROUGHNESS,
+        doubleSided=True, alphaMode="OPAQUE" if opacity == 1.0 else "BLEND")
