@@ -10,6 +10,7 @@ rule page:
         surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),
         images=all_segments(IMAGES),
         movie="outputs/{scene}/{level}/movie.mp4",
+        still=lambda w: flow.still(w.scene, w.level),
         metrics="outputs/{scene}/{level}/metrics.csv",
         meanings="outputs/{scene}/{level}/metrics.json",
         index="outputs/{scene}/{level}/run.pvd",

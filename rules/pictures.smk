@@ -65,7 +65,12 @@ rule still:
             allow_missing=True,
         ),
     output:
-        "outputs/{scene}/{level}/still.png",
+        report(
+            "outputs/{scene}/{level}/still.png",
+            **SHELF,
+            caption="../docs/report/still.rst",
+            labels={"what": "2 illustration of the last frame"},
+        ),
     log:
         "outputs/{scene}/{level}/logs/still.log",
     threads: lambda w: cores()
@@ -76,3 +81,43 @@ rule still:
     shell:
         "python -m pipeline.still {input.scene} {input.eye} {input.frames} {input.surfaces} --output {output}"
         " --threads {threads} 2>&1 | tee {log}"
+
+
+# On request: a picture takes about as long as the simulation of its frame at draft.
+rule illustrate:
+    input:
+        scene=SCENE,
+        eye="outputs/{scene}/{level}/eye.vtp",
+        frames=FRAMES,
+        surfaces="outputs/{scene}/{level}/surfaces/segment_{segment}",
+        last=lambda w: expand(FRAMES, segment=flow.segments(w.scene, w.level)[-1], allow_missing=True),
+    output:
+        directory("outputs/{scene}/{level}/illustrations/segment_{segment}"),
+    log:
+        "outputs/{scene}/{level}/logs/illustrate_{segment}.log",
+    threads: lambda w: cores()
+    params:
+        depends=flow.depends("illustrate"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: illustrate segment {wildcards.segment}"
+    shell:
+        "python -m pipeline.illustrate {input.scene} {input.eye} {input.frames} {input.surfaces} --last {input.last}"
+        " --output {output} --threads {threads} --depends {params.depends} 2>&1 | tee {log}"
+
+
+rule film:
+    input:
+        scene=SCENE,
+        images=all_segments("outputs/{scene}/{level}/illustrations/segment_{segment}"),
+    output:
+        film="outputs/{scene}/{level}/film.mp4",
+        animation="outputs/{scene}/{level}/film.gif",
+    log:
+        "outputs/{scene}/{level}/logs/film.log",
+    params:
+        depends=flow.depends("movie"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: make a film of the illustrations"
+    shell:
+        "python -m pipeline.movie {input.images} --scene {input.scene} --output {output.film}"
+        " --animation {output.animation} 2>&1 | tee {log}"

@@ -85,6 +85,8 @@ def read_run(folder: Path) -> Run:
     for name in ("movie.mp4", "poster.png"):
         if not (folder / name).is_file():
             raise UserError(f"{folder / name}: no such file; run the movie stage first")
+    if scene.dimension == 3 and not (folder / "still.png").is_file():
+        raise UserError(f"{folder / 'still.png'}: no such file; run the still stage first")
     return Run(
         folder=folder, scene=scene, table=read_table(folder / "metrics.csv"),
         metrics=read_meanings(folder / "metrics.json"), pictures=pictures,

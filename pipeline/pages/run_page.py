@@ -47,7 +47,8 @@ FILMS_TOLD = ("; where they are and how thick follows from theory, by how fast t
               "ago: the retina there counts as under oil, but not as touched")
 PACKAGES = ("eye-oil-pipeline", "taichi", "numpy", "scipy", "pyvista", "vtk", "snakemake")
 FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "last picture",
-         "moments.png": "eight moments", "metrics.csv": "metrics of every frame", "effects.csv": "cost of the effects",
+         "still.png": "illustration", "film.mp4": "film of the illustration", "moments.png": "eight moments",
+         "metrics.csv": "metrics of every frame", "effects.csv": "cost of the effects",
          "scene.json": "scene in SI units", "run.pvd": "particles and surfaces, for ParaView"}
 
 
@@ -64,7 +65,7 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
     scene = run.scene
     return page.page(f"{run.title}: {scene.accuracy}", [
         page.paragraph(scene.description), page.paragraph(page.bold(scene.label)) if scene.label else "",
-        _numbers(run, shown, events),
+        _still(run), _numbers(run, shown, events),
         Markup('<div class="wide">{}{}</div>').format(_movie(run), _scrubber(run)),
         _turning(run), _fundus(run),
         page.section("Over time"), _curves(run, shown, events),
@@ -94,6 +95,15 @@ def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Marku
     return Markup('<ul class="numbers">{}</ul>{}{}').format(
         items, breaks, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",
                               ILLUSTRATION if run.scene.container is None else ""))
+
+
+def _still(run: Run) -> Markup:
+    """The illustration of the last frame; a scene in a plane has none."""
+    if run.scene.dimension == 2:
+        return Markup()
+    return Markup('<img class="still" alt="{}" src="{}">').format(
+        "The opened eye with its liquids" if run.scene.container is None else "The liquids in their container",
+        data_url(webp(read_picture(run.folder / "still.png")), "image/webp"))
 
 
 def _movie(run: Run) -> Markup:

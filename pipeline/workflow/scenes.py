@@ -202,6 +202,10 @@ class Workflow:
         """Return what is made of scenes unless somebody asks for less, at the accuracy level of this call."""
         return [f"{OUTPUTS}/{name}/{self.accuracy}/{file}" for file in WANTED for name in names]
 
+    def still(self, name: str, level: str) -> list[str]:
+        """Return the still of a scene, which has bodies to show only in space."""
+        return [f"{OUTPUTS}/{name}/{level}/still.png"] * (self.scene(name, level).dimension == 3)
+
     def unknown(self, word: str) -> NoReturn:
         """End Snakemake with what there is: a word was asked for that is no rule, no scene and no study."""
         known = [*scene_names(), *study_names()]

@@ -1,0 +1,155 @@
+"""Illustrations of the frames of one scene; what stays the same from frame to frame is made once."""
+import dataclasses
+
+import numpy as np
+from PIL import Image
+
+from pipeline.base.frame_files import FrameData
+from pipeline.cavity.signed_distance_grid import distance_of_mesh
+from pipeline.illustration import mitsuba_picture, pyvista_picture
+from pipeline.illustration.anatomy import MM, PUPIL, Anatomy
+from pipeline.illustration.fundus import fundus_texture, iris_texture
+from pipeline.illustration.geometry import Liquids, Opening, Part, liquids_of, optic_nerve, parts_of_eye
+from pipeline.illustration.lettering import Name, lettered
+from pipeline.illustration.looks import LOOKS
+from pipeline.illustration.style import Style
+from pipeline.illustration.view import view_of
+from pipeline.pictures.fundus_map import disc_direction
+from pipeline.pictures.marks import clock, pretty
+from pipeline.pictures.section_panel import posture
+from pipeline.scenes.effects import droplets_of
+from pipeline.scenes.eye_shape import shape_of
+from pipeline.scenes.model import Scene
+from pipeline.scenes.retina import globe_radius
+
+CELL, MARGIN = 0.25e-3, 1.6e-3      # m, of the distances to the cavity, and around it
+REACH = 14.5e-3                     # m: half width of the plane of the cut, at least
+
+
+def oils_of(scene: Scene) -> list[str]:
+    """Names of the liquids that are drawn as bodies: those that are not clear, but for droplets."""
+    droplets = droplets_of(scene)
+    return [liquid.name for index, liquid in enumerate(scene.liquids) if not liquid.clear and index != droplets]
+
+
+class Illustrator:
+    """Draws frames of one scene with an eye.
+
+    Parameters
+    ----------
+    scene : resolved scene.
+    eye : pyvista.PolyData of the cavity, m.
+    gravity : (3,) m/s2, by which the plane of the cut is chosen.
+    """
+
+    def __init__(self, scene: Scene, eye, gravity: np.ndarray, style: Style):
+        import trimesh
+
+        self.scene, self.style = scene, style
+        distance = distance_of_mesh(trimesh.Trimesh(eye.points, eye.regular_faces, process=False), CELL, MARGIN)
+        shape = shape_of(scene.eye) if scene.eye.model == "parametric" else None
+        pupil = 0.5 * MM * scene.eye.pupil if scene.eye.anterior_chamber else PUPIL
+        self.anatomy, self.right_eye = Anatomy(distance, shape, pupil), scene.eye.side == "right"
+        points = np.asarray(eye.points, float)
+        globe = globe_radius(points)
+        back, front = points[:, 2].min(), points[:, 2].max() if shape is None else self.anatomy.apex / MM
+        self.middle = MM * np.array([0.0, 0.0, 0.5 * (back + front)])
+        self.toward = view_of(gravity, self.right_eye, self.middle).toward
+        self.opening = Opening(self.toward, MM * max(REACH, 1.15 * float(np.abs(points).max()) + 2e-3))
+        self.disc = disc_direction(globe, self.right_eye)
+        parts = parts_of_eye(eye, self.anatomy, self.opening)
+        nerve = optic_nerve(self.anatomy, self.disc, self.opening)
+        self.parts: list[Part] = parts if nerve is None else [*parts, nerve]
+        self.textures = {"wall": fundus_texture(globe, self.right_eye), "iris": iris_texture()}
+
+    def picture(self, frame: FrameData, surfaces: dict) -> Image.Image:
+        """The illustration of one frame; ``surfaces`` is a dict oil -> closed pyvista.PolyData with ``depth``, m."""
+        import pyvista
+
+        oil = pyvista.merge(list(surfaces.values()), merge_points=False) if len(surfaces) > 1 else \
+            next(iter(surfaces.values()), pyvista.PolyData())
+        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward)
+        liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3)
+        parts, look, style = [*self.parts, *liquids.parts], LOOKS[self.style.look], self.style
+        if style.renderer == "mitsuba":
+            table = min(float((part.points @ view.up).min()) for part in self.parts)
+            pixels = mitsuba_picture.developed(mitsuba_picture.trace(
+                parts, look, self.textures, view, table, style.size, style.samples, style.threads))
+        else:
+            pixels = pyvista_picture.draw(parts, look, self.textures, view, style.size)
+        if not style.letters:
+            return Image.fromarray(pixels)
+        scene = self.scene
+        return lettered(pixels, view, self._names(liquids), title=scene.title or scene.name,
+                        time=clock(frame.time, scene.output.second_means), label=scene.label,
+                        posture=posture(frame.gravity), notes=self._notes(liquids))
+
+    def _names(self, liquids: Liquids) -> list[Name]:
+        anatomy, toward = self.anatomy, self.opening.toward
+        across = self.opening.across / np.linalg.norm(self.opening.across)
+        back = MM * float(self.anatomy.cavity.origin[2]) + MM * MARGIN
+        names = [Name(_capital(self._liquid_name(face)), place, self._of_liquid(face))
+                 for face, place in liquids.places.items()]
+        names.append(Name("Macula", np.array([0.0, 0.0, back])))
+        if self.disc @ toward < 0.0:
+            names.append(Name("Optic disc", self._on_wall(self.disc)))
+        lower = across if self._down(across) else -across
+        names.append(Name("Retina, choroid, sclera", self._on_wall(np.array([0.0, 0.0, -0.62]) + 0.78 * lower) * 1.04))
+        if anatomy.shape is not None:
+            upper, front = -lower, np.array([0.0, 0.0, anatomy.front])
+            names += [Name("Ciliary body", 7.1 * upper + front + [0.0, 0.0, 0.9]),
+                      Name("Iris", (4.0 if anatomy.shape.cornea is None else 6.0) * upper + front + [0.0, 0.0, 1.66]),
+                      Name("Cornea", 4.2 * lower + [0.0, 0.0, anatomy.apex - 1.45])]
+            if anatomy.shape.lens_pole is not None:
+                names.append(Name("Lens", np.array([0.0, 0.0, anatomy.front + 0.3])))
+            elif anatomy.shape.artificial_lens:
+                names.append(Name("Artificial lens", np.array([0.0, 0.0, anatomy.front + 0.45])))
+        return names
+
+    def _down(self, way: np.ndarray) -> bool:
+        """Whether a direction of the cut points down, or, where it is level, inferior or to the patient's right."""
+        return float(way @ [0.3, 1.0, 0.0]) < 0.0
+
+    def _on_wall(self, way: np.ndarray) -> np.ndarray:
+        """Place (3,), mm, of the wall in a direction from the center of the globe."""
+        reach = np.linspace(0.0, 25.0, 1000)[:, None] * way / np.linalg.norm(way)
+        return reach[np.argmax(self.anatomy.inside(reach) > 0.0)]
+
+    def _liquid_name(self, face: str) -> str:
+        names = oils_of(self.scene) if face == "oil_face" else [one.name for one in self.scene.liquids if one.clear]
+        return " and ".join(pretty(name) for name in names) or "liquid"
+
+    def _of_liquid(self, face: str) -> str:
+        """What makes the oil what it is: its kinematic viscosity, and whether it floats."""
+        oils, others = ([one for one in self.scene.liquids if (one.name in oils_of(self.scene)) is of_oil]
+                        for of_oil in (True, False))
+        if face != "oil_face" or len(oils) != 1:
+            return ""
+        kinematic = 1e6 * oils[0].dynamic_viscosity / oils[0].density
+        words = f"{kinematic:.3g} mm²/s" if kinematic < 1000 else f"{round(kinematic, -1):,.0f} mm²/s"
+        if others:
+            words += ", floats up" if oils[0].density < others[0].density else ", sinks"
+        return words
+
+    def _notes(self, liquids: Liquids) -> list[str]:
+        scene, notes = self.scene, []
+        around = "the mesh of this eye, with layers drawn" if self.anatomy.shape is None else \
+            "the simulated cavity, with the eye around it and its vessels drawn after textbooks"
+        notes.append(f"Shapes of the liquids: simulated. Around them: {around}. "
+                     f"Colors chosen; drawn by {'Mitsuba 3' if self.style.renderer == 'mitsuba' else 'VTK'}.")
+        more = []
+        if liquids.left_out:
+            drops = "one drop" if liquids.left_out == 1 else f"{liquids.left_out} drops"
+            more.append(f"{drops} of fewer than three particles not drawn")
+        if "oil_face" in liquids.places and "aqueous_face" in liquids.places:
+            more.append("oil within 0.3 mm of the wall is drawn as touching it")
+        if droplets_of(scene) is not None:
+            more.append("droplets are too fine to be drawn")
+        if not oils_of(scene):
+            more.append("this scene has no oil")
+        return notes + [f"{_capital('; '.join(more))}."] * bool(more)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+

@@ -1,0 +1,189 @@
+"""Light through an opened eye, by Mitsuba 3: paths that scatter in the liquids, and a denoiser.
+
+The interface and the faces of the cut do not refract: with the true indices the interface would hardly be seen, and
+lamps are sampled straight through them, so that few paths are enough.
+"""
+from collections.abc import Iterable
+
+import numpy as np
+
+from pipeline.illustration.geometry import Part
+from pipeline.illustration.looks import TISSUES, Look, Tissue
+from pipeline.illustration.view import ANGLE, View
+
+CLEAR = ("oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
+DEPTH, GUIDE_PATHS = 32, 6
+CLAMP, CLAMP_AT = 6.0, 99.9     # paths brighter than so many times this percentile of the picture are noise
+SKY_SIZE = (512, 256)
+TABLE_RADIUS = 2000.0           # mm: its edge is beyond the picture
+TABLE_NEAR, TABLE_FAR, TABLE_FADE = (0.84, 0.86, 0.89), (0.62, 0.68, 0.76), 150.0     # mm
+EXPOSURE, WHITE = 1.5, 2.6     # light that is shown as 1 before, and as white after, the curve (Z6)
+
+
+def available() -> bool:
+    """Whether Mitsuba and its denoiser are installed."""
+    from importlib.util import find_spec
+
+    return all(find_spec(name) is not None for name in ("mitsuba", "mitsuba_oidn"))
+
+
+def trace(parts: Iterable[Part], look: Look, textures: dict[str, np.ndarray], view: View, table: float,
+          size: tuple[int, int], samples: int, threads: int = 1) -> np.ndarray:
+    """Linear light (height, width, 3) of a picture.
+
+    Parameters
+    ----------
+    textures : name of a part -> (rows, columns, 3) float32, linear.
+    table : mm, height of the table along ``view.up``.
+    samples : paths through every pixel.
+    """
+    import drjit
+    import mitsuba
+    import mitsuba_oidn
+
+    mitsuba.set_variant("scalar_rgb")
+    drjit.set_thread_count(max(1, threads))
+    builder = _Builder(mitsuba, look, textures)
+    parts = list(parts)
+    opaque = [builder.shape(part) for part in parts if part.name not in CLEAR]
+    clear = [builder.shape(part) for part in parts if part.name in CLEAR]
+    sensor = _sensor(mitsuba, view, size)
+    around = {"sky": _sky(mitsuba, view), "table": _table(mitsuba, view, table)}
+    guides = mitsuba.load_dict({
+        "type": "scene", "integrator": {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}, **around,
+        **{f"part_{k}": shape for k, shape in enumerate(opaque)}})
+    guide = np.array(mitsuba.render(guides, sensor=sensor, spp=GUIDE_PATHS, seed=1))
+    albedo, normal = (np.ascontiguousarray(guide[..., k:k + 3], np.float32) for k in (0, 3))
+    scene = mitsuba.load_dict({
+        "type": "scene", "integrator": {"type": "volpath", "max_depth": DEPTH}, **around,
+        **{f"part_{k}": shape for k, shape in enumerate(opaque + clear)}})
+    light = np.asarray(mitsuba.render(scene, sensor=sensor, spp=samples, seed=2))[..., :3].astype(np.float32)
+    light = np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT))
+    return np.asarray(mitsuba_oidn.denoise(np.ascontiguousarray(light), np.clip(albedo, 0.0, 1.0), normal, hdr=True))
+
+
+def developed(light: np.ndarray) -> np.ndarray:
+    """Pixels (height, width, 3) uint8 of linear light of the same shape (Z6), in the encoding of sRGB."""
+    exposed = EXPOSURE * np.maximum(light, 0.0)
+    luminance = np.maximum(exposed @ [0.2126, 0.7152, 0.0722], 1e-9)[..., None]
+    by_luminance = exposed * (1.0 + luminance / WHITE**2) / (1.0 + luminance)  # (Z6)
+    by_channel = exposed * (1.0 + exposed / WHITE**2) / (1.0 + exposed)
+    shown = np.clip(0.7 * by_luminance + 0.3 * by_channel, 0.0, 1.0)
+    encoded = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * np.maximum(shown, 1e-9) ** (1.0 / 2.4) - 0.055)
+    return (255.0 * encoded + 0.5).astype(np.uint8)
+
+
+class _Builder:
+    """Shapes of Mitsuba."""
+
+    def __init__(self, mitsuba, look: Look, textures: dict[str, np.ndarray]):
+        self.mitsuba, self.look = mitsuba, look
+        self.textures = {name: mitsuba.load_dict({
+            "type": "bitmap", "bitmap": mitsuba.Bitmap(np.ascontiguousarray(data, np.float32)), "raw": True})
+            for name, data in textures.items()}
+        self.media = {name: mitsuba.load_dict({  # (Z5)
+            "type": "homogeneous", "sigma_t": medium.density, "albedo": {"type": "rgb", "value": list(medium.albedo)}})
+            for name, medium in look.media.items()}
+
+    def shape(self, part: Part):
+        """Mesh of a part with its material, and the liquids on either side."""
+        mitsuba = self.mitsuba
+        properties = mitsuba.Properties()
+        properties["bsdf"] = mitsuba.load_dict(self._material(part))
+        for side, name in self._sides(part.name).items():
+            properties[side] = self.media[name]
+        mesh = mitsuba.Mesh(part.name, len(part.points), len(part.triangles), props=properties,
+                            has_vertex_normals=part.normals is not None, has_vertex_texcoords=part.places is not None)
+        fields = mitsuba.traverse(mesh)
+        fields["vertex_positions"] = np.ravel(part.points).astype(np.float32)
+        fields["faces"] = np.ravel(part.triangles).astype(np.uint32)
+        if part.normals is not None:
+            fields["vertex_normals"] = np.ravel(part.normals).astype(np.float32)
+        if part.places is not None:
+            fields["vertex_texcoords"] = np.ravel(part.places).astype(np.float32)
+        fields.update()
+        return mesh
+
+    def _sides(self, name: str) -> dict[str, str]:
+        return {"interface": {"interior": "oil", "exterior": "aqueous"}, "oil_face": {"interior": "oil"},
+                "aqueous_face": {"interior": "aqueous"}}.get(name, {})
+
+    def _material(self, part: Part) -> dict:
+        if part.name in ("oil_face", "aqueous_face"):
+            return _veil({"type": "conductor", "material": "none"}, self.look.sheen)
+        if part.name == "interface":
+            return self._tissue(self.look.skin)
+        if part.name == "cornea":
+            return {"type": "thindielectric", "int_ior": 1.376, "ext_ior": 1.0}
+        if part.name in ("wall", "iris") and part.name in self.textures:
+            return self._coated(self.textures[part.name], 0.12 if part.name == "wall" else 0.1)
+        return self._tissue(TISSUES[part.name])
+
+    def _tissue(self, tissue: Tissue) -> dict:
+        material = self._coated({"type": "rgb", "value": list(tissue.color)}, tissue.gloss)
+        return _veil(material, tissue.opacity) if tissue.opacity < 1.0 else material
+
+    def _coated(self, color, gloss: float) -> dict:
+        diffuse = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}}
+        if not gloss:
+            return diffuse
+        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": color, "specular": 0.5,
+                                             "roughness": 0.6 - 0.4 * gloss, "clearcoat": gloss,
+                                             "clearcoat_gloss": 0.6}}
+
+
+def _veil(material: dict, opacity: float) -> dict:
+    return {"type": "mask", "opacity": {"type": "rgb", "value": opacity}, "material": material}
+
+
+def _sensor(mitsuba, view: View, size: tuple[int, int]):
+    right, up, back = view.axes
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([-right, up, -back], axis=1)      # Mitsuba looks along +z, its x is to the left
+    matrix[:3, 3] = view.camera
+    return mitsuba.load_dict({
+        "type": "perspective", "fov": float(np.degrees(ANGLE)), "fov_axis": "y", "near_clip": 1.0, "far_clip": 1e4,
+        "to_world": mitsuba.ScalarTransform4f(matrix),
+        "sampler": {"type": "independent"},
+        "film": {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"},
+                 "pixel_format": "rgb", "component_format": "float32"}})
+
+
+def _sky(mitsuba, view: View):
+    """A soft dome with three soft lamps, and a fill into the opened half."""
+    width, height = SKY_SIZE
+    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
+    phi = (np.arange(width) + 0.5)[None, :] / width * 2.0 * np.pi
+    x, y, z = np.sin(phi) * np.sin(theta), np.cos(theta) * np.ones_like(phi), -np.cos(phi) * np.sin(theta)
+    light = np.array([0.80, 0.86, 0.93]) * (0.62 + 0.22 * y)[..., None]
+    # Direction of each lamp (right, up, toward the reader), its half width in degrees, strength and color.
+    for way, wide, strength, color in (((-0.55, 0.75, 0.5), 17.0, 8.0, (1.0, 0.97, 0.92)),
+                                       ((0.9, 0.45, 0.25), 12.0, 4.0, (0.93, 0.97, 1.0)),
+                                       ((0.1, 0.9, -0.5), 14.0, 4.0, (1.0, 1.0, 1.0)),
+                                       ((0.05, 0.25, 1.0), 24.0, 1.6, (1.0, 0.99, 0.97))):
+        way = np.asarray(way) / np.linalg.norm(way)
+        off = np.degrees(np.arccos(np.clip(x * way[0] + y * way[1] + z * way[2], -1.0, 1.0)))
+        light = light + strength * (1.0 / (1.0 + np.exp((off - wide) / 2.5)))[..., None] * np.asarray(color)
+    back = view.axes[2]
+    level = back - (back @ view.up) * view.up
+    level /= np.linalg.norm(level)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([np.cross(view.up, level), view.up, level], axis=1)
+    return mitsuba.load_dict({"type": "envmap", "bitmap": mitsuba.Bitmap(light.astype(np.float32)),
+                              "to_world": mitsuba.ScalarTransform4f(matrix)})
+
+
+def _table(mitsuba, view: View, height: float):
+    right = view.axes[0] - (view.axes[0] @ view.up) * view.up
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :3] = TABLE_RADIUS * np.stack([right, np.cross(view.up, right), view.up], axis=1)
+    matrix[:3, 3] = height * view.up + view.middle - (view.middle @ view.up) * view.up
+    # The texture of a disk is by angle and distance from its middle.
+    away = TABLE_RADIUS * (np.arange(2048) + 0.5) / 2048
+    share = 1.0 - np.exp(-(away / TABLE_FADE) ** 2)
+    color = (1.0 - share)[:, None] * np.array(TABLE_NEAR) + share[:, None] * np.array(TABLE_FAR)
+    texture = {"type": "bitmap", "raw": True, "wrap_mode": "clamp",
+               "bitmap": mitsuba.Bitmap(np.tile(color.astype(np.float32)[None], (4, 1, 1)))}
+    return mitsuba.load_dict({"type": "disk", "to_world": mitsuba.ScalarTransform4f(matrix), "bsdf": {
+        "type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}})
