@@ -4,6 +4,7 @@ The cavity is the surface that was simulated. What lies around it is a scheme th
 lengths of the Gullstrand eye: layers of the wall, cornea, iris, ciliary body, zonular fibers, lens. A user's mesh has
 no front: nobody knows where its cornea is. Lengths in mm; axes of the eye: x to the patient's left, y superior,
 z anterior, origin in the center of the globe.
+Equations: docs/methods/pictures.md.
 """
 import dataclasses
 from collections.abc import Callable

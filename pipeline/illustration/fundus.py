@@ -2,6 +2,7 @@
 
 In azimuthal equidistant coordinates around the posterior pole (Z3): the middle of the texture is the macula, its edge
 the point in front. Vessels grow from the disc as a seeded random walk: the temporal ones bend around the macula.
+Equations: docs/methods/pictures.md.
 """
 import numpy as np
 from PIL import Image, ImageDraw, ImageFilter

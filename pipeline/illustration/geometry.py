@@ -1,4 +1,7 @@
-"""Surfaces of an opened eye and of the liquids in it, for renderers; lengths in mm, axes of the eye."""
+"""Surfaces of an opened eye and of the liquids in it, for renderers; lengths in mm, axes of the eye.
+
+Equations: docs/methods/pictures.md.
+"""
 import dataclasses
 
 import numpy as np

@@ -61,6 +61,9 @@ class Illustrator:
         nerve = optic_nerve(self.anatomy, self.disc, self.opening)
         self.parts: list[Part] = parts if nerve is None else [*parts, nerve]
         self.textures = {"wall": fundus_texture(globe, self.right_eye), "iris": iris_texture()}
+        self.look = LOOKS[style.look]
+        self._tracer = mitsuba_picture.Tracer(self.parts, self.look, self.textures, style.size, style.samples,
+                                              style.threads) if style.renderer == "mitsuba" else None
 
     def picture(self, frame: FrameData, surfaces: dict) -> Image.Image:
         """The illustration of one frame; ``surfaces`` is a dict oil -> closed pyvista.PolyData with ``depth``, m."""
@@ -70,14 +73,13 @@ class Illustrator:
             next(iter(surfaces.values()), pyvista.PolyData())
         view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward)
         liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3)
-        parts, look, style = [*self.parts, *liquids.parts], LOOKS[self.style.look], self.style
-        if style.renderer == "mitsuba":
+        if self._tracer is not None:
             table = min(float((part.points @ view.up).min()) for part in self.parts)
-            pixels = mitsuba_picture.developed(mitsuba_picture.trace(
-                parts, look, self.textures, view, table, style.size, style.samples, style.threads))
+            pixels = mitsuba_picture.developed(self._tracer.trace(liquids.parts, view, table))
         else:
-            pixels = pyvista_picture.draw(parts, look, self.textures, view, style.size)
-        if not style.letters:
+            pixels = pyvista_picture.draw([*self.parts, *liquids.parts], self.look, self.textures, view,
+                                          self.style.size)
+        if not self.style.letters:
             return Image.fromarray(pixels)
         scene = self.scene
         return lettered(pixels, view, self._names(liquids), title=scene.title or scene.name,

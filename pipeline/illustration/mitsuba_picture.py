@@ -2,6 +2,7 @@
 
 The interface and the faces of the cut do not refract: with the true indices the interface would hardly be seen, and
 lamps are sampled straight through them, so that few paths are enough.
+Equations: docs/methods/pictures.md.
 """
 from collections.abc import Iterable
 
@@ -12,7 +13,7 @@ from pipeline.illustration.looks import TISSUES, Look, Tissue
 from pipeline.illustration.view import ANGLE, View
 
 CLEAR = ("oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
-DEPTH, GUIDE_PATHS = 32, 6
+DEPTH, GUIDE_PATHS = 32, 4
 CLAMP, CLAMP_AT = 6.0, 99.9     # paths brighter than so many times this percentile of the picture are noise
 SKY_SIZE = (512, 256)
 TABLE_RADIUS = 2000.0           # mm: its edge is beyond the picture
@@ -27,39 +28,61 @@ def available() -> bool:
     return all(find_spec(name) is not None for name in ("mitsuba", "mitsuba_oidn"))
 
 
-def trace(parts: Iterable[Part], look: Look, textures: dict[str, np.ndarray], view: View, table: float,
-          size: tuple[int, int], samples: int, threads: int = 1) -> np.ndarray:
-    """Linear light (height, width, 3) of a picture.
+class Tracer:
+    """Traces pictures of one eye; what stays the same from frame to frame is built once, and traced again only where
+    the view has changed.
 
     Parameters
     ----------
+    fixed : parts that all pictures have.
     textures : name of a part -> (rows, columns, 3) float32, linear.
-    table : mm, height of the table along ``view.up``.
+    size : width and height in pixels.
     samples : paths through every pixel.
     """
-    import drjit
-    import mitsuba
-    import mitsuba_oidn
 
-    mitsuba.set_variant("scalar_rgb")
-    drjit.set_thread_count(max(1, threads))
-    builder = _Builder(mitsuba, look, textures)
-    parts = list(parts)
-    opaque = [builder.shape(part) for part in parts if part.name not in CLEAR]
-    clear = [builder.shape(part) for part in parts if part.name in CLEAR]
-    sensor = _sensor(mitsuba, view, size)
-    around = {"sky": _sky(mitsuba, view), "table": _table(mitsuba, view, table)}
-    guides = mitsuba.load_dict({
-        "type": "scene", "integrator": {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}, **around,
-        **{f"part_{k}": shape for k, shape in enumerate(opaque)}})
-    guide = np.array(mitsuba.render(guides, sensor=sensor, spp=GUIDE_PATHS, seed=1))
-    albedo, normal = (np.ascontiguousarray(guide[..., k:k + 3], np.float32) for k in (0, 3))
-    scene = mitsuba.load_dict({
-        "type": "scene", "integrator": {"type": "volpath", "max_depth": DEPTH}, **around,
-        **{f"part_{k}": shape for k, shape in enumerate(opaque + clear)}})
-    light = np.asarray(mitsuba.render(scene, sensor=sensor, spp=samples, seed=2))[..., :3].astype(np.float32)
-    light = np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT))
-    return np.asarray(mitsuba_oidn.denoise(np.ascontiguousarray(light), np.clip(albedo, 0.0, 1.0), normal, hdr=True))
+    def __init__(self, fixed: Iterable[Part], look: Look, textures: dict[str, np.ndarray], size: tuple[int, int],
+                 samples: int, threads: int = 1):
+        import drjit
+        import mitsuba
+
+        mitsuba.set_variant("scalar_rgb")
+        drjit.set_thread_count(max(1, threads))
+        self.mitsuba, self.size, self.samples = mitsuba, size, samples
+        self._builder = _Builder(mitsuba, look, textures)
+        fixed = list(fixed)
+        self._opaque = [self._builder.shape(part) for part in fixed if part.name not in CLEAR]
+        self._clear = [self._builder.shape(part) for part in fixed if part.name in CLEAR]
+        self._seen: tuple = ()
+        self._guides: tuple[np.ndarray, np.ndarray] | None = None
+
+    def trace(self, parts: Iterable[Part], view: View, table: float) -> np.ndarray:
+        """Linear light (height, width, 3) of a picture.
+
+        Parameters
+        ----------
+        parts : that this picture has beside the fixed ones.
+        table : mm, height of the table along ``view.up``.
+        """
+        import mitsuba_oidn
+
+        sensor = _sensor(self.mitsuba, view, self.size)
+        around = {"sky": _sky(self.mitsuba, view), "table": _table(self.mitsuba, view, table)}
+        changing = [self._builder.shape(part) for part in parts]
+        light = self._render("volpath", {"max_depth": DEPTH}, [*self._opaque, *self._clear, *changing], around, sensor,
+                             self.samples)[..., :3]
+        light = np.ascontiguousarray(np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT)), np.float32)
+        seen = (*view.camera, *view.up, table)
+        if self._guides is None or seen != self._seen:
+            found = self._render("aov", {"aovs": "albedo:albedo,normal:sh_normal"}, self._opaque, around, sensor,
+                                 GUIDE_PATHS)
+            albedo, normal = (np.ascontiguousarray(found[..., k:k + 3], np.float32) for k in (0, 3))
+            self._seen, self._guides = seen, (np.clip(albedo, 0.0, 1.0), normal)
+        return np.asarray(mitsuba_oidn.denoise(light, *self._guides, hdr=True))
+
+    def _render(self, kind: str, options: dict, shapes: list, around: dict, sensor, samples: int) -> np.ndarray:
+        scene = self.mitsuba.load_dict({"type": "scene", "integrator": {"type": kind, **options}, **around,
+                                        **{f"part_{k}": shape for k, shape in enumerate(shapes)}})
+        return np.array(self.mitsuba.render(scene, sensor=sensor, spp=samples, seed=1))
 
 
 def developed(light: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ LAMPS = (((-0.55, 0.75, 0.6), 0.75), ((0.9, 0.4, 0.4), 0.35), ((0.05, 0.2, 1.0),
 
 def draw(parts: Iterable[Part], look: Look, textures: dict[str, np.ndarray], view: View,
          size: tuple[int, int]) -> np.ndarray:
-    """Pixels (height, width, 3) uint8 of a picture; parameters as of ``mitsuba_picture.trace``."""
+    """Pixels (height, width, 3) uint8 of a picture; parameters as of ``mitsuba_picture.Tracer``."""
     import pyvista
     from PIL import Image
 
