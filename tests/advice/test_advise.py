@@ -172,8 +172,8 @@ def test_viscosity_lifts_the_capillary_limit_of_the_tamponade():
     limits = {limit.source: limit.value for limit in report.time_step_limits}
     assert limits["effects.interface_tension"] == pytest.approx(4.06e-3, rel=0.01)  # 0.5 ms without viscosity
     assert report.time_step == min(limits.values()) == 4e-3
-    # Frames every 0.1 s: whole steps to each.
-    assert report.steps == 100 * math.ceil(0.1 / report.time_step)
+    # Frames every 0.05 s: whole steps to each.
+    assert report.steps == 200 * math.ceil(0.05 / report.time_step)
 
 
 def test_fixed_time_step_decides(scene):
