@@ -17,13 +17,14 @@ from pipeline.advise import main
 from pipeline.base.digest import code_used, modules_used
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_volume
+from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
 from sim.advice import shown
 from sim.effects import REGISTRY
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits
 
-SHIPPED = sorted((PROJECT_CONFIG / "scenes").glob("*.yaml"))
+SHIPPED = list(scene_paths(PROJECT_CONFIG / "scenes").values())
 LEVELS = tuple(load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))
 # The reference eye: a ball of 11 mm radius, 5.58 mL.
 RADIUS = 0.011

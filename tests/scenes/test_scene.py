@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.base.errors import UserError
 from pipeline.scene import main
+from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.schema import schema_text
@@ -17,7 +18,7 @@ from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from sim.effects import REGISTRY
 
-SHIPPED = sorted((PROJECT_CONFIG / "scenes").glob("*.yaml"))
+SHIPPED = list(scene_paths(PROJECT_CONFIG / "scenes").values())
 LEVELS = tuple(load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))
 
 
@@ -325,10 +326,10 @@ BROKEN = {
     "list": ("- tamponade", "is a list, but must hold `name: value` lines"),
     "control character": ("title: \x07", "UTF-8"),
     "deep": ("[" * 5000, "more than 20 deep"),
-    "unknown parent": ("extends: tamponnade", 'extends is "tamponnade", but must be the name of a scene in this folder '
+    "unknown parent": ("extends: tamponnade", 'extends is "tamponnade", but must be the name of a scene '
                                               "(did you mean tamponade?)"),
     "extends itself": ("extends: case", "extends leads back to the same scene (case -> case)"),
-    "extends a path": ("extends: ../scenes/tamponade.yaml", "must be the name of a scene in this folder"),
+    "extends a path": ("extends: ../scenes/tamponade.yaml", "must be the name of a scene"),
     "nothing said": ("title: x", "liquids is missing"),
 }
 
@@ -352,7 +353,7 @@ def test_one_unknown_liquid_gives_one_error(write):
 
 
 def test_missing_file_names_the_nearest(config):
-    assert "no such file (did you mean tamponade.yaml?)" in errors_of(config / "scenes" / "tamponad.yaml")[0]
+    assert "no such file (did you mean tamponade?)" in errors_of(config / "scenes" / "tamponad.yaml")[0]
 
 
 def test_cycle_over_several_scenes(write):
