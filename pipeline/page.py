@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p = argparse.ArgumentParser(prog="python -m pipeline.page", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path, metavar="FOLDER", help="results of a run: outputs/<scene>/<level>")
-    p.add_argument("--source", type=scene_file, metavar="SCENE.yaml",
+    p.add_argument("--source", type=Path, metavar="SCENE.yaml",
                    help="file of the scene (default: that of its name)")
     p.add_argument("--output", type=Path, metavar="index.html", help="page to write (default: index.html in FOLDER)")
     options = p.parse_args(arguments)

@@ -89,7 +89,7 @@ def write_costs(folder):
 @pytest.fixture(scope="module")
 def index(run_folder):
     """Return the page of that run."""
-    page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tiny.yaml")])
+    page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")])
     return run_folder / "index.html"
 
 
