@@ -1,8 +1,8 @@
 """From a scene file to frames, surfaces, pictures, a movie and a report.
 
     snakemake -j2 all                                       the scenes of config/config.yaml at its accuracy level
-    snakemake -j2 <scene>                                   one scene of config/scenes at that level
-    snakemake -j2 outputs/<scene>/<level>/index.html        any scene of config/scenes at any level, on one page
+    snakemake -j2 <scene>                                   one scene (docs/scenes.md) at that level
+    snakemake -j2 outputs/<scene>/<level>/index.html        any scene at any level, on one page
     snakemake -j2 validation                                a study of config/studies: table, figures, page
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
     snakemake -j2 outputs/<scene>/compare_draft_standard.html   what the finer level changes

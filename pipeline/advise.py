@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.initial_state import load_initial
 from pipeline.cavity.surface import cavity_volume
+from pipeline.scenes.folders import scene_file
 from pipeline.scenes.load import load_resolved, load_scene
 
 FORMATS = {"text": text_of, "html": html_of, "json": json_of}
@@ -23,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.advise", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path, help="scene file (config/scenes/tamponade.yaml) or resolved scene (.json)")
+    parser.add_argument("scene", type=scene_file, help="scene, by its name or file, or a resolved scene (.json)")
     parser.add_argument("--accuracy", help="accuracy level of a scene file (default: `accuracy` of config.yaml)")
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")
     parser.add_argument("--initial", type=Path, help="particles of the voxelize stage (initial.npz), for the volume of "

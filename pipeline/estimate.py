@@ -1,7 +1,7 @@
 """Stage: what a scene will cost before it is run: time, memory, disk and the error to expect.
 
-    python -m pipeline.estimate config/scenes/tamponade.yaml                     at the level of config/config.yaml
-    python -m pipeline.estimate config/scenes/tamponade.yaml --accuracy all      at every level, one column each
+    python -m pipeline.estimate tamponade                     at the level of config/config.yaml
+    python -m pipeline.estimate tamponade --accuracy all      at every level, one column each
 
 A few steps of the very scene are taken in each of its phases, and a few frames of the stages that follow are made: in
 seconds to three minutes for every level, once; outputs/measurements keeps what was measured until the code, the
@@ -23,6 +23,7 @@ from pipeline.base.words import duration, memory
 from pipeline.forecast.measurement import measured
 from pipeline.forecast.prediction import Prediction, predict
 from pipeline.scenes.devices import HELP, chosen_device
+from pipeline.scenes.folders import SCENES, scene_file, scenes_folder
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.threads import solver_threads
@@ -32,7 +33,6 @@ from sim.cores import available_cores
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
        "and with compiled kernels, as this estimate leaves them behind.")
 UNKNOWN = "unknown"
-SCENES = Path("config/scenes")  # where a resolved scene finds the one that it starts from
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     p = argparse.ArgumentParser(prog="python -m pipeline.estimate", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("scene", type=Path, help="scene file (config/scenes/tamponade.yaml), or a resolved scene (.json)")
+    p.add_argument("scene", type=scene_file, help="scene, by its name or file, or a resolved scene (.json)")
     p.add_argument("--accuracy", metavar="LEVEL", help="accuracy level, or all (default: that of config.yaml)")
     p.add_argument("--made", type=Path, nargs=2, metavar=("EYE.vtp", "INITIAL.npz"),
                    help="cavity and particles of the scene, if they are made already; they then cost nothing more")
@@ -144,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scenes = [as_run(scene, cores, chosen_device(options.device, scene, options.scene)) for scene in scenes]
     if options.made and len(scenes) > 1:
         raise UserError("--made names the particles of one level, but --accuracy is all; leave one of them out")
-    folder = SCENES if options.scene.suffix == ".json" else options.scene.parent
+    folder = SCENES if options.scene.suffix == ".json" else scenes_folder(options.scene)
     start = options.start if options.start and options.start.exists() else None
     levels = tuple(predict(scene, measured(scene, folder, options.made and tuple(options.made), start), cores)
                    for scene in scenes)

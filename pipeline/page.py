@@ -16,9 +16,8 @@ from pipeline.measures.events import events_of
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.run_folder import read_run
 from pipeline.pages.run_page import page_of
+from pipeline.scenes.folders import scene_file
 from pipeline.scenes.yaml_files import scene_files
-
-SCENES = Path("config/scenes")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,12 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p = argparse.ArgumentParser(prog="python -m pipeline.page", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path, metavar="FOLDER", help="results of a run: outputs/<scene>/<level>")
-    p.add_argument("--source", type=Path, metavar="SCENE.yaml", help="file of the scene (default: that of its name in "
-                                                                     f"{SCENES})")
+    p.add_argument("--source", type=Path, metavar="SCENE.yaml",
+                   help="file of the scene (default: that of its name)")
     p.add_argument("--output", type=Path, metavar="index.html", help="page to write (default: index.html in FOLDER)")
     options = p.parse_args(arguments)
     found = read_run(options.folder)
-    source = options.source or SCENES / f"{found.scene.name}.yaml"
+    source = options.source or scene_file(found.scene.name)
     if not source.is_file():
         raise UserError(f"{source}: no such file; name the file of the scene with --source")
     sources, output = scene_files(source), options.output or options.folder / "index.html"

@@ -3,7 +3,7 @@
     python -m pipeline.plan --break 6h,60deg --size 2h
     python -m pipeline.plan --break 10:30,95deg --size 1h,15deg --lens pseudophakic --postures upright,left_side
     python -m pipeline.plan --break 5h,80deg --mesh my_eye.stl --output plan.html
-    python -m pipeline.plan --sequence config/scenes/day_of_postures.yaml
+    python -m pipeline.plan --sequence day_of_postures
     python -m pipeline.plan --write-map              make the tables of the default eye anew
 
 Clock hours are those that an observer sees who faces the patient (chart of Amsler and Dubois): 12 is superior, 3 is on
@@ -33,6 +33,7 @@ from pipeline.planning.sequence import sequence_of
 from pipeline.planning.sequence import text_of as sequence_text
 from pipeline.planning.settings import postures
 from pipeline.scenes.checks import NAME
+from pipeline.scenes.folders import scene_file, scene_paths
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import LENSES, MESH_UNITS, SIDES
 from pipeline.scenes.yaml_files import read_yaml
@@ -75,7 +76,8 @@ def _refuse_to_confirm_in(path: Path) -> None:
     if path.parent.resolve() != scenes.resolve() or path.suffix != ".yaml" or not re.fullmatch(NAME, path.stem):
         raise UserError(f"--confirm is {path}, but must be a file in {scenes}, where scenes are looked for, with a "
                         'name of letters, digits, "_" and "-", such as my_plan.yaml')
-    if path.is_file() and [one.get("name") for one in read_yaml(path).get("breaks") or ()] != [BREAK]:
+    known = scene_paths(scenes).get(path.stem)
+    if known and [one.get("name") for one in read_yaml(known).get("breaks") or ()] != [BREAK]:
         raise UserError(f"--confirm is {path}, which is a scene that confirms no plan; choose another name")
 
 
@@ -111,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
                         help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml, and tell "
                              "how to simulate it, or, once that is done, whether the simulation agrees")
-    parser.add_argument("--sequence", type=Path, metavar="SCENE.yaml",
+    parser.add_argument("--sequence", type=scene_file, metavar="SCENE",
                         help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")
     parser.add_argument("--write-map", action="store_true", help="make the tables of the default eye anew")

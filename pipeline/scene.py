@@ -5,6 +5,9 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
+from pipeline.scenes.description import postures_in_words
+from pipeline.scenes.folders import scene_file, scene_paths
+from pipeline.scenes.listing import entries_of, markdown_of, text_of
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.schema import list_text, schema_text
@@ -21,7 +24,7 @@ def _write(text: str, output: Path | None) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.scene", description=__doc__)
-    parser.add_argument("scene", type=Path, nargs="?", help="scene file, for example config/scenes/tamponade.yaml")
+    parser.add_argument("scene", type=scene_file, nargs="?", help="scene, by its name or file")
     parser.add_argument("--accuracy", help="accuracy level (default: `accuracy` of config.yaml)")
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")
     parser.add_argument("--output", type=Path, help="file to write (default: standard output)")
@@ -29,6 +32,8 @@ def main(arguments: list[str] | None = None) -> None:
     action.add_argument("--check", action="store_true", help="only check the scene")
     action.add_argument("--schema", action="store_true", help="write the JSON schema of scene files, for editors")
     action.add_argument("--list", action="store_true", help="describe effects, liquids and accuracy levels")
+    action.add_argument("--scenes", action="store_true",
+                        help="list the scenes that there are, a line for each; as a page if --output ends in .md")
     options = parser.parse_args(arguments)
     config_dir = options.config_dir or PROJECT_CONFIG
     if options.schema or options.list:
@@ -36,11 +41,19 @@ def main(arguments: list[str] | None = None) -> None:
         levels = load_accuracy_levels(config_dir / "accuracy.yaml")
         _write(schema_text(materials) if options.schema else list_text(materials, levels), options.output)
         return
+    if options.scenes:
+        folder = config_dir / "scenes"
+        entries = entries_of(scene_paths(folder), folder)
+        page = options.output is not None and options.output.suffix == ".md"
+        _write(markdown_of(entries) if page else text_of(entries), options.output)
+        return
     if options.scene is None:
-        parser.error("name a scene file, or use --schema or --list")
+        parser.error("name a scene, or use --scenes, --list or --schema")
     scene = load_scene(options.scene, options.accuracy, options.config_dir)
     if not options.check:
         _write(scene.to_json(), options.output)
+    if options.output is not None and (postures := postures_in_words(scene)):
+        print(f"{scene.name}: {postures}")  # a turn may be inherited
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ rule scene:
     message:
         "{wildcards.scene} at {wildcards.level}: check the scene"
     shell:
-        "python -m pipeline.scene config/scenes/{wildcards.scene}.yaml --accuracy {wildcards.level} --output {output}"
+        "python -m pipeline.scene {wildcards.scene} --accuracy {wildcards.level} --output {output}"
         " 2>&1 | tee {log}"
 
 

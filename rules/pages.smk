@@ -4,7 +4,7 @@
 rule page:
     input:
         scene=SCENE,
-        source=ancient(local("config/scenes/{scene}.yaml")),
+        source=ancient(local(flow.scene_file)),
         initial="outputs/{scene}/{level}/initial.npz",
         eye="outputs/{scene}/{level}/eye.vtp",
         surfaces=all_segments("outputs/{scene}/{level}/surfaces/segment_{segment}"),

@@ -137,7 +137,8 @@ class Project:
 
     def write_scene(self, name: str, text: str) -> None:
         """Add or replace a scene."""
-        (self.folder / "config" / "scenes" / f"{name}.yaml").write_text(text)
+        scenes = self.folder / "config" / "scenes"
+        next(scenes.glob(f"*/{name}.yaml"), scenes / f"{name}.yaml").write_text(text)
 
     def own_code(self, package: str) -> Path:
         """Give the project a copy of a package, to be edited; return its folder."""

@@ -6,6 +6,7 @@ from pathlib import Path
 import forked
 import pytest
 
+from pipeline.scenes.folders import scene_paths
 from pipeline.study_kit.plan import study_names
 
 ROOT = Path(__file__).parents[1]
@@ -46,7 +47,7 @@ def test_code_of_the_documents_is_whole():
 
 
 def test_targets_of_the_documents_are_scenes_and_levels_that_there_are():
-    scenes = {path.stem for path in (ROOT / "config/scenes").glob("*.yaml")} | {"studies"}
+    scenes = scene_paths(ROOT / "config/scenes").keys() | {"studies"}
     found = {match[1] for line in commands() for match in TARGET.finditer(line)}
     assert len(found) > 3 and found <= scenes
     runs = [line.split()[2] for line in commands() if re.match(r"snakemake -j\d+ \w+$", line)]

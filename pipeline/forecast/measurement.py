@@ -16,6 +16,7 @@ from pipeline.base.files import size_of, write_text
 from pipeline.base.usage import KINDS, at_least, run_stage
 from pipeline.cavity.initial_state import load_initial, save_initial
 from pipeline.forecast.phases import phases_of
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Scene
 from sim.cores import available_cores
@@ -51,7 +52,7 @@ def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:
     mesh = [Path(scene.eye.path)] if scene.eye is not None and scene.eye.path else []
     read = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*mesh, *made)]
     if scene.start_from is not None:
-        read.append(load_scene(folder / f"{scene.start_from}.yaml", scene.accuracy).to_json())
+        read.append(load_scene(scene_path(scene.start_from, folder), scene.accuracy).to_json())
     return " ".join([*(call_digest(module, chosen, None) for module in MODULES),
                      call_digest("pipeline.forecast.measurement", (), [json.loads(json.dumps(values)), read]),
                      computer()])

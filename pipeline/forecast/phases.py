@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.scenes.fill import fill_at_start
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Initial, Scene
 from pipeline.simulation.solver_setup import initial_phases
@@ -49,7 +50,7 @@ def phases_of(scene: Scene, cavity_volume: float, folder: Path, begun: bool = Fa
     effects = [(REGISTRY[name], parameters) for name, parameters in scene.effects.items()]
     # What exchanges liquids is named last.
     effects.sort(key=lambda one: (one[0].overrides("fill_at"), list(REGISTRY).index(one[0].name)))
-    fill = fill_at_start(scene, lambda name: load_scene(folder / f"{name}.yaml", scene.accuracy))
+    fill = fill_at_start(scene, lambda name: load_scene(scene_path(name, folder), scene.accuracy))
     refilled = any(effect.overrides("fill_at") for effect, _ in effects)
     spans = [span for effect, parameters in effects for span in effect.spans(parameters, fill, cavity_volume)]
     times = sorted({0.0, duration, *(time for _, *ends in spans for time in ends if time < duration)})

@@ -12,6 +12,7 @@ import yaml
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.scenes.checks import NAME
+from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import SCENE_KEYS
 from pipeline.scenes.reader import nearest
@@ -36,12 +37,12 @@ def changed_scene(folder: Path, scene: str, changes: Mapping[str, Any], accuracy
         if not re.fullmatch(NAME, one):
             raise UserError(f'"{one}" cannot name a scene, use letters, digits, "_" and "-"')
     if not changes and name is None:
-        load_scene(folder / f"{scene}.yaml", accuracy)
+        load_scene(scene_path(scene, folder), accuracy)
         return scene
     nested = _nested(changes)
     if name is None:
         name = f"{scene}_changed_{hashlib.sha256(json.dumps(nested, sort_keys=True).encode()).hexdigest()[:8]}"
-    path = folder / f"{name}.yaml"
+    path = scene_paths(folder).get(name, folder / f"{name}.yaml")
     before = path.read_text(encoding="utf-8") if path.is_file() else None
     if before is not None and not before.startswith(MADE):
         raise UserError(f"{path}: is a scene that was written by hand; choose another name than {name} for a scene "

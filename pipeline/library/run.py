@@ -22,6 +22,7 @@ from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
 from pipeline.scenes.ending import segments_made
+from pipeline.scenes.folders import SCENES, scene_path
 from pipeline.scenes.load import load_scene, scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
@@ -31,7 +32,7 @@ from sim.cores import available_cores
 if TYPE_CHECKING:
     import pyvista
 
-SCENES, OUTPUTS = Path("config/scenes"), Path("outputs")
+OUTPUTS = Path("outputs")
 PAGE = "index.html"                            # all else of a run is made on the way to it
 BY_SEGMENT = ("frames", "surfaces", "images")  # what has a folder per segment
 WHOLE = {"frames": "frames/frames.pvd", "surfaces": "run.pvd", "images": "movie.mp4"}  # what is made of all of them
@@ -50,7 +51,7 @@ def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None
 
     Parameters
     ----------
-    scene : name of a file in ``config/scenes``.
+    scene : its name.
     accuracy : level of ``config/accuracy.yaml``.
     folder : with ``config`` and ``outputs``; by default that of the process, or one above it that has scenes. Where
         there are none, ``config`` is copied there.
@@ -60,7 +61,7 @@ def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None
     progress : show a bar on standard error.
     changes : keys of the scene with their values, ``output={"duration": "2 s"}``, or dotted,
         ``**{"effects.injection.fill": "90 %"}``. Numbers are in SI units, a text carries its unit, None removes what is
-        inherited. The scene is kept as a file beside the one that it extends.
+        inherited. The scene is kept as a file in ``config/scenes``.
 
     Raises
     ------
@@ -108,7 +109,7 @@ class Run:
         UserError : something could not be made.
         """
         project = self.folder.parents[2]
-        scene = load_scene(relative(project / SCENES) / f"{self.folder.parent.name}.yaml", self.folder.name)
+        scene = load_scene(scene_path(self.folder.parent.name, relative(project / SCENES)), self.folder.name)
         segments = [] if scene.output.until_rest else scene.segment_names  # how many there will be is not known then
         files = [file for one in want for file in (
             [f"{one}/segment_{name}" for name in segments] or [WHOLE[one]] if one in BY_SEGMENT else [one])]

@@ -3,6 +3,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from pipeline.pictures.movie_file import H264
+
 MOST_BYTES = 3_500_000
 WIDTH = 960  # pixels of a smaller copy
 MARGIN = 0.8  # of the rate that the bytes allow: the encoder may exceed it
@@ -21,7 +23,7 @@ def movie_within(path: Path, most: int = MOST_BYTES) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
         subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-an", "-vf",
-                        f"scale='min({WIDTH},iw)':-2", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-b:v", rate,
-                        "-maxrate", rate, "-bufsize", rate, "-movflags", "+faststart", str(copy)],
+                        f"scale='min({WIDTH},iw)':-2", *H264, "-b:v", rate, "-maxrate", rate, "-bufsize", rate,
+                        str(copy)],
                        check=True, stdin=subprocess.DEVNULL)
         return copy.read_bytes()

@@ -28,7 +28,7 @@ from pipeline.pages.scrubber import data_url, pictures_over_time, webp
 from pipeline.pages.turning_view import turning_view
 from pipeline.pictures.marks import clock
 from pipeline.pictures.moments import read_picture, scaled
-from pipeline.pictures.pace import pace_of, speed_in_words
+from pipeline.pictures.pace import pace_of
 from pipeline.scenes.effects import knows_films
 from sim.effects import REGISTRY
 
@@ -110,9 +110,9 @@ def _movie(run: Run) -> Markup:
     pace = pace_of(len(run.pictures), run.scene.output.frame_interval)
     poster = data_url(webp(scaled(read_picture(run.pictures[-1]), POSTER_WIDTH)), "image/webp")
     return Markup('<div class="movie"><h2>Movie</h2><video controls muted playsinline preload="auto" poster="{}" '
-                  'src="{}"></video><p>{}, {:.3g} s.</p></div>{}').format(
+                  'src="{}"></video><p>{}.</p></div>{}').format(
         poster, data_url(movie_within(run.folder / "movie.mp4"), "video/mp4"),
-        speed_in_words(pace.speed, run.scene.output.second_means).capitalize(), pace.duration(len(run.pictures)), BLOB)
+        pace.in_words(len(run.pictures), run.scene.output.second_means).capitalize(), BLOB)
 
 
 # Safari plays no movie from a data URL.

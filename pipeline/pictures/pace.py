@@ -2,10 +2,9 @@
 import dataclasses
 import math
 
-SHORTEST = 8.0          # s, so that the eye can follow
-MOST_PER_SECOND = 30.0  # pictures: players drop more
+RATE = 24.0             # pictures per second, as in the cinema
+SHORTEST = 3.0          # s so that the eye can follow: pictures that are fewer play more slowly
 HOLD = 1.5              # s that the last picture stays at least
-PLAYED = 25.0           # pictures per second that players like, about: slower ones are repeated
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # speeds are one of these and a power of ten: 0.5, 0.25, 0.2, 0.1 ...
 UNITS = (("week", 604800.0), ("day", 86400.0), ("hour", 3600.0), ("minute", 60.0), ("second", 1.0))
 
@@ -31,20 +30,38 @@ class Pace:
         """Return how long a movie of so many pictures lasts, s."""
         return pictures / self.rate + self.hold
 
+    def in_words(self, pictures: int, second_means: float | None = None) -> str:
+        """Return how a movie of so many pictures plays, and why it shows few of them in a second.
+
+        Parameters
+        ----------
+        second_means : what a simulated second stands for, s; None where that is a second.
+
+        >>> pace_of(201, 0.05).in_words(201)
+        '1.2 × real time, 24 pictures per second, 201 in all, 9.83 s'
+        >>> pace_of(21, 0.1).in_words(21)
+        '0.5 × real time, 5 pictures per second, 21 in all, 5.5 s; the scene saves a frame every 0.1 s'
+        """
+        speed = "" if self.speed is None else f"{speed_in_words(self.speed, second_means)}, "
+        few = "" if self.speed is None or self.rate >= RATE else \
+            f"; the scene saves a frame every {self.speed / self.rate:g} s"
+        rate = f"{self.rate:.3g} picture{'' if self.rate == 1.0 else 's'} per second"
+        return f"{speed}{rate}, {pictures} in all, {self.duration(pictures):.3g} s{few}"
+
 
 def pace_of(pictures: int, interval: float | None) -> Pace:
-    """Return the fastest even speed at which the pictures take `SHORTEST` seconds at least.
+    """Return `RATE`, or the fastest even speed at which the pictures take `SHORTEST` seconds at least.
 
     Parameters
     ----------
     interval : simulated time between two pictures, s; None where it is not known.
     """
-    rate = min(max(pictures - 1, 1) / SHORTEST, MOST_PER_SECOND)
-    speed = None
-    if interval is not None:
-        speed = even_speed(rate * interval)
+    rate = min(max(pictures - 1, 1) / SHORTEST, RATE)
+    speed = None if interval is None else rate * interval
+    if speed is not None and rate < RATE:
+        speed = even_speed(speed)
         rate = speed / interval
-    return Pace(rate, max(HOLD - 1.0 / rate, 0.0), speed, max(1, round(PLAYED / rate)))
+    return Pace(rate, max(HOLD - 1.0 / rate, 0.0), speed, max(1, round(RATE / rate)))
 
 
 def even_speed(limit: float) -> float:

@@ -12,6 +12,7 @@ from pipeline.base.tables import read_table
 from pipeline.measures.rest import rest_in_words
 from pipeline.planning.search import Answer, Question
 from pipeline.planning.settings import weight_name
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors
@@ -31,7 +32,7 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     ----------
     starts_from : scene that it extends: two liquids in an eye, with weight, tension and contact angle.
     """
-    path = PROJECT_CONFIG / "scenes" / f"{starts_from}.yaml"
+    path = scene_path(starts_from, PROJECT_CONFIG / "scenes")
     base = read_extended(path, Errors(path))
     wetting = next(name for name, values in base["effects"].items() if "contact_angle" in values)
     fill, oil = min(answer.fill, question.largest_fill), answer.oils[0]

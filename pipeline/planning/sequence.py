@@ -24,6 +24,7 @@ from pipeline.planning.settings import load_settings
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect
 from pipeline.scenes.fill import fill_at_end
+from pipeline.scenes.folders import scene_path, scenes_folder
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import LARGEST_ANGLE, SMALLEST_ANGLE, Scene
 from pipeline.scenes.retina import direction, globe_radius
@@ -155,7 +156,7 @@ def _oil_of(scene: Scene, path: Path) -> tuple[str, float, Liquids]:
     """Name of the oil, its share of the cavity at the end of the scene, and what decides where it rests."""
     if scene.eye is None or scene.dimension != 3:
         raise UserError(f"{path}: is no scene of an eye in three dimensions, of which alone shapes at rest are known")
-    fill = fill_at_end(scene, lambda name: load_scene(path.with_name(f"{name}.yaml"), scene.accuracy)) or {}
+    fill = fill_at_end(scene, lambda name: load_scene(scene_path(name, scenes_folder(path)), scene.accuracy)) or {}
     held = [liquid for liquid in scene.liquids if fill.get(liquid.name, 0.0) > 0.0]
     angle, tension = known_by_an_effect(scene, "contact_angle_of"), max(
         (REGISTRY[name].tension_of(parameters) for name, parameters in scene.effects.items()), default=0.0)

@@ -43,7 +43,6 @@ from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
 
-MOST_FRAMES = 100_000
 MOST_PLACES = 100  # each has several columns and lines in plots
 MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
 LONGEST_NAME = 100
@@ -361,8 +360,10 @@ def _time_steps_are_ordered(numerics: Numerics) -> Found:
 @_check
 def _frames_end_with_the_scene(output: Output) -> Found:
     count = output.duration / output.frame_interval
-    if count >= MOST_FRAMES:
-        yield ("output", "frame_interval"), f"gives {count:.6g} frames, but at most {MOST_FRAMES} can be saved"
+    if count >= output.allowed_frames:
+        yield (("output", "frame_interval"),
+               f"is {output.frame_interval:g} s, which gives {count:.6g} pictures, but at most {output.allowed_frames} "
+               "are made; take a longer one, or allow more by output.allowed_frames")
     elif round(count) < 1 or not math.isclose(count, round(count), rel_tol=1e-9):
         yield (("output", "duration"),
                f"is {output.duration:g} s, but must be a whole multiple of frame_interval, {output.frame_interval:g} s")

@@ -4,13 +4,16 @@ import dataclasses
 import functools
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.base.project import PROJECT, project_around
 from pipeline.scenes.checks import NAME, check, check_start
+from pipeline.scenes.description import description_of
 from pipeline.scenes.fill import fill_at_end
+from pipeline.scenes.folders import scene_file, scene_path, scenes_folder
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Material, Scene
 from pipeline.scenes.paths import file_of_project, project_of
@@ -29,19 +32,20 @@ def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | 
 
     Parameters
     ----------
-    path : YAML file of the scene; its name is the scene's name.
+    path : YAML file of the scene, whose name is the scene's, or the name alone (``scene_file``).
     accuracy : level of ``accuracy.yaml``; by default the one that ``config.yaml`` chooses.
-    config_dir : folder of ``config.yaml``, ``accuracy.yaml`` and ``materials.yaml``; by default the folder above the
-        scene's, if it has them, else that of the project.
+    config_dir : folder of ``config.yaml``, ``accuracy.yaml`` and ``materials.yaml``; by default the folder above that
+        of the scenes, if it has them, else that of the project.
 
     Raises
     ------
     UserError
         With one sentence for every error of the file.
     """
-    path = Path(path)
+    path = scene_file(path)
     if config_dir is None:
-        config_dir = path.parent.parent if (path.parent.parent / "materials.yaml").is_file() else PROJECT_CONFIG
+        above = scenes_folder(path).parent
+        config_dir = above if (above / "materials.yaml").is_file() else PROJECT_CONFIG
     return _Resolver(Path(config_dir), accuracy).resolve(path)
 
 
@@ -124,8 +128,15 @@ class _Resolver:
         if parts.get("start_from") is not None:
             self._check_start(parts, path, (*chain, path), errors)
         errors.raise_any()
-        self._resolved[path] = Scene(**parts)
-        return self._resolved[path]
+        scene = Scene(**parts)
+        if not scene.description:
+            scene = dataclasses.replace(scene, description=description_of(scene, self._other(path, chain)))
+        self._resolved[path] = scene
+        return scene
+
+    def _other(self, path: Path, chain: tuple[Path, ...]) -> Callable[[str], Scene]:
+        """Return what resolves a scene by the name that the scene in ``path`` calls it."""
+        return lambda name: self.resolve(scene_path(name, scenes_folder(path)), chain)
 
     def _read_parts(self, name: str, data: dict[str, Any], errors: Errors, find: Find) -> dict[str, Any]:
         """Return the fields of the scene without those that have errors."""
@@ -181,7 +192,7 @@ class _Resolver:
             for sentence in error.messages:
                 errors.take(sentence)
             return
-        fill = fill_at_end(start, lambda name: self.resolve(path.with_name(f"{name}.yaml"), chain))
+        fill = fill_at_end(start, self._other(path, chain))
         for key, message in check_start(parts, start, fill):
             errors.add(key, message)
 

@@ -218,6 +218,9 @@ class Output:
     second_means: float | None = parameter(None, unit="s", exclusive_minimum=0.0,
                                            meaning="what a simulated second stands for in a time-lapse: the clock "
                                                    "of the pictures shows it")
+    allowed_frames: int = parameter(
+        2000, minimum=1, maximum=100_000,
+        meaning="frames, each with a picture, that may be saved; more are refused until they are allowed here")
     frames_per_segment: int = parameter(10, minimum=1, maximum=10000, meaning="frames between two checkpoints")
     cell_ratio: float = parameter(0.5, minimum=0.1, maximum=2.0, meaning="surface grid cell per particle spacing")
     contour: str = parameter("sharp", choices=("sharp", "flying_edges", "marching_cubes"),
@@ -227,7 +230,8 @@ class Output:
     smoothing_length: float | None = parameter(
         None, minimum=0.0, maximum=3.0,
         meaning="surface smoothing in particle spacings, else 1 in a full cavity, 0.5 with a free surface")
-    image_size: tuple[int, int] = parameter((1280, 720), minimum=64, maximum=8192, meaning="width and height in pixels")
+    image_size: tuple[int, int] = parameter((1920, 1080), minimum=64, maximum=8192,
+                                            meaning="width and height in pixels")
     formats: tuple[str, ...] = parameter((), choices=("ply", "stl"), meaning="surface formats beside vtp")
 
 

@@ -2,6 +2,7 @@
 import os
 from pathlib import Path
 
+from pipeline.scenes.folders import scenes_folder
 from pipeline.scenes.reader import Errors, Key, describe
 
 
@@ -12,12 +13,13 @@ def project_of(scene_file: Path, config_dir: Path) -> Path:
     ----------
     config_dir : folder of the configuration that the scene is read with.
     """
-    folder = Path(os.path.abspath(scene_file)).parent
-    return folder.parents[1] if folder.parent.resolve() == config_dir.resolve() else folder
+    path = Path(os.path.abspath(scene_file))
+    config = scenes_folder(path).parent
+    return config.parent if config.resolve() == config_dir.resolve() else path.parent
 
 
 def file_of_project(scene_file: Path, project: Path, errors: Errors, name: str, key: Key) -> Path | None:
-    """Return the file that ``key`` of a scene file names, relative to the folder of that; None if there is none.
+    """Return the file that ``key`` of a scene names, relative to the file that says so; None if there is none.
 
     A scene is data, possibly a stranger's: it cannot reach for files outside the project. A link in the project does,
     for those who want that.
@@ -27,7 +29,8 @@ def file_of_project(scene_file: Path, project: Path, errors: Errors, name: str, 
     project : folder that the file must lie in.
     errors : learns of a file that is missing or elsewhere.
     """
-    path = Path(os.path.normpath(scene_file.parent / name))
+    folder = errors.origins.get(key, scene_file).parent  # of the scene that it was inherited from
+    path = Path(os.path.normpath(folder / name))
     if not Path(os.path.abspath(path)).is_relative_to(project):
         errors.add(key, f"is {describe(name)}, which lies outside of the project ({project}), but a scene may name "
                         "files in it only; copy the file, or link to it (`ln -s`), beside the scene")

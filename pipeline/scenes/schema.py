@@ -21,7 +21,7 @@ def schema_text(materials: Mapping[str, Material]) -> str:
     Nothing is required, because a scene may inherit it, and null is allowed wherever it can remove what is inherited.
     """
     properties = {field.name: _field_schema(field, list(materials)) for field in dataclasses.fields(Scene)}
-    properties["extends"] = {"type": "string", "description": "scene of this folder that this one varies"}
+    properties["extends"] = {"type": "string", "description": "scene that this one varies, by its name"}
     properties["levels"] = {
         "description": "numerics that this scene changes of an accuracy level, by its name",
         "type": "object", "additionalProperties": _or_null(_record_schema(Numerics, list(materials)))}

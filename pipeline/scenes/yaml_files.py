@@ -8,11 +8,13 @@ import yaml
 
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
+from pipeline.scenes.folders import LISTED, scene_path, scene_paths, scenes_folder
 from pipeline.scenes.reader import Errors, Key, describe, nearest
 
 MOST_BYTES = 200_000  # of a file: parsed in some seconds
 MOST_DEPTH = 20  # of lists and mappings in each other
 MOST_IN_A_ROW = 30  # scenes that extend each other, or start from each other
+CHANGE_THE_STORY = ("start_from", "container", "initial", "blocks", "effects")
 MOST_DIGITS = 300  # of a whole number; a longer one is beyond the range of floats
 
 
@@ -98,7 +100,8 @@ def read_extended(path: Path, errors: Errors, chain: tuple[Path, ...] = ()) -> d
     """Return a scene file merged over the scenes that it extends.
 
     Mappings are merged key by key, anything else replaces what was inherited, and null removes it. A list of liquids
-    replaces the inherited liquids; a mapping changes or adds some.
+    replaces the inherited liquids; a mapping changes or adds some. The description of another story is not inherited: a
+    scene that changes how it begins or its effects has its own, or one that is told from these.
 
     Parameters
     ----------
@@ -111,6 +114,8 @@ def read_extended(path: Path, errors: Errors, chain: tuple[Path, ...] = ()) -> d
     if parent is not None:
         chain = (*chain, path)
         inherited = read_extended(sibling(path, "extends", parent, chain), errors, chain)
+    if any(key in data for key in CHANGE_THE_STORY):
+        inherited.pop("description", None)
     if isinstance(data.get("liquids"), list):
         data["liquids"] = _named_once(data["liquids"], path, errors)
     return _merge(inherited, data, (), path, errors)
@@ -131,7 +136,7 @@ def scene_files(path: Path) -> dict[str, str]:
         extended = read_yaml(path).get("extends")
         if extended is None:
             break
-        path = path.with_name(f"{extended}.yaml")
+        path = scene_path(extended, scenes_folder(path))
     return found
 
 
@@ -142,11 +147,11 @@ def sibling(path: Path, key: str, name: Any, chain: tuple[Path, ...]) -> Path:
     ----------
     chain : files that lead to this reference; a reference to one of them is a cycle.
     """
-    names = sorted(other.stem for other in path.parent.glob("*.yaml"))
-    if name not in names:
-        raise UserError(f"{path}: {key} is {describe(name)}, but must be the name of a scene in this folder"
-                        f"{nearest(name, names)}: {', '.join(names)}")
-    other = path.parent / f"{name}.yaml"
+    known = scene_paths(scenes_folder(path))
+    if name not in known:
+        raise UserError(f"{path}: {key} is {describe(name)}, but must be the name of a scene{nearest(name, known)}; "
+                        f"{LISTED}")
+    other = known[name]
     if len(chain) > MOST_IN_A_ROW:
         raise UserError(f"{chain[0]}: more than {MOST_IN_A_ROW} scenes follow each other by `{key}`")
     if other in chain:

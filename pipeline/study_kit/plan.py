@@ -15,6 +15,7 @@ from typing import Any
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
@@ -298,7 +299,7 @@ def _is_list(kind: Any) -> bool:
 @functools.cache
 def cached_scene(name: str, accuracy: str) -> Scene:
     """Return a scene of ``config/scenes`` at a level."""
-    return load_scene(PROJECT_CONFIG / "scenes" / f"{name}.yaml", accuracy)
+    return load_scene(scene_path(name, PROJECT_CONFIG / "scenes"), accuracy)
 
 
 @functools.cache

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pipeline.base.digest import code_used, shortened
 from pipeline.scenes.model import Scene
 
-ASKED = ("allowed_time",)  # answers to questions, read by no results
+ASKED = ("allowed_time", "output.allowed_frames")  # answers to questions, read by no results
 WORDS = ("title", "description", "label")
 PLACES = ("breaks", "regions")  # of the wall: measured and drawn
 ENDS = ("output.duration", "output.until_rest")  # frames that are there already stay as they are

@@ -14,6 +14,7 @@ from pipeline.base.files import remove_left_over, write_text
 from pipeline.scenes.devices import checked_device, chosen_device
 from pipeline.scenes.effects import knows_films
 from pipeline.scenes.ending import segments_made, segments_until_rest
+from pipeline.scenes.folders import LISTED, scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe as shown
@@ -26,7 +27,6 @@ from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
 from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged
 
-SCENES = Path("config/scenes")
 LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
@@ -64,7 +64,7 @@ def _read(load, *arguments):
 
 def scene_names() -> list[str]:
     """Return the names of all scenes."""
-    return sorted(path.stem for path in SCENES.glob("*.yaml"))
+    return list(_read(scene_paths))
 
 
 def sha256(content: bytes) -> str:
@@ -118,6 +118,11 @@ class Workflow:
         self.device = "" if self._device is None else f"--device {self._device}"
         self._scenes: dict[tuple[str, str], Scene] = {}
 
+    @staticmethod
+    def scene_file(wildcards) -> str:
+        """Return the file of a scene."""
+        return str(_read(scene_path, wildcards.scene))
+
     @property
     def any_level(self) -> str:
         """Regular expression of the names of all levels."""
@@ -126,7 +131,7 @@ class Workflow:
     def scene(self, name: str, level: str) -> Scene:
         """Return a scene at an accuracy level; a scene with errors ends Snakemake with one sentence for each."""
         if (name, level) not in self._scenes:
-            path = SCENES / f"{name}.yaml"
+            path = _read(scene_path, name)
             scene = self._scenes[name, level] = _read(load_scene, path, level)
             if not self.elsewhere:
                 _read(chosen_threads, None, scene, path)
@@ -209,8 +214,8 @@ class Workflow:
     def unknown(self, word: str) -> NoReturn:
         """End Snakemake with what there is: a word was asked for that is no rule, no scene and no study."""
         known = [*scene_names(), *study_names()]
-        stop(f'no scene and no study is called "{word}"{nearest(word, known)}; the scenes are '
-             f"{', '.join(scene_names())}, the studies {', '.join(study_names())}")
+        stop(f'no scene and no study is called "{word}"{nearest(word, known)}; {LISTED} scenes, and the studies are '
+             f"{', '.join(study_names())}")
 
     def compared(self, name: str, level: str, other: str) -> list[str]:
         """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
@@ -276,7 +281,7 @@ class Workflow:
         from pipeline.base.digest import ROOT
 
         texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
-        shown = _read(scene_files, SCENES / f"{wildcards.scene}.yaml")
+        shown = _read(scene_files, _read(scene_path, wildcards.scene))
         return sha256(b"".join(path.read_bytes() for path in sorted(texts)) + "".join(shown.values()).encode())
 
     def tell_pages(self) -> None:

@@ -17,13 +17,14 @@ from pipeline.advise import main
 from pipeline.base.digest import code_used, modules_used
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_volume
+from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
 from sim.advice import shown
 from sim.effects import REGISTRY
 from sim.settings import Liquid, Numerics, Settings
 from sim.time_step import known_limits
 
-SHIPPED = sorted((PROJECT_CONFIG / "scenes").glob("*.yaml"))
+SHIPPED = list(scene_paths(PROJECT_CONFIG / "scenes").values())
 LEVELS = tuple(load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))
 # The reference eye: a ball of 11 mm radius, 5.58 mL.
 RADIUS = 0.011
@@ -172,8 +173,8 @@ def test_viscosity_lifts_the_capillary_limit_of_the_tamponade():
     limits = {limit.source: limit.value for limit in report.time_step_limits}
     assert limits["effects.interface_tension"] == pytest.approx(4.06e-3, rel=0.01)  # 0.5 ms without viscosity
     assert report.time_step == min(limits.values()) == 4e-3
-    # Frames every 0.1 s: whole steps to each.
-    assert report.steps == 100 * math.ceil(0.1 / report.time_step)
+    # Frames every 0.05 s: whole steps to each.
+    assert report.steps == 200 * math.ceil(0.05 / report.time_step)
 
 
 def test_fixed_time_step_decides(scene):

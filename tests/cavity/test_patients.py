@@ -12,6 +12,7 @@ from pipeline.cavity.landmarks import laid
 from pipeline.cavity.regions import CILIARY_BODY, CORNEA, regions_of
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.scenes.eye_shape import CORNEA_TO_GLOBE, eye_mesh, eye_shape, imaged_volume, shape_of
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Buckle, Eye, Landmarks, Staphyloma
 
@@ -117,7 +118,7 @@ REFUSED = {
 def test_impossible_eyes_are_refused_in_one_sentence(words, tmp_path):
     said, expected = REFUSED[words]
     path = tmp_path / "patient.yaml"
-    path.write_text((ROOT / "config" / "scenes" / "still_eye.yaml").read_text().replace("extends: tamponade", "")
+    path.write_text(scene_path("still_eye", ROOT / "config" / "scenes").read_text().replace("extends: tamponade", "")
                     + f"liquids: [aqueous, silicone_oil_1000]\n{said}\n")
     with pytest.raises(UserError) as error:
         load_scene(path, config_dir=ROOT / "config")

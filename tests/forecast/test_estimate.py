@@ -469,7 +469,7 @@ def test_measurement_is_kept_until_something_changes(kept, tmp_path, monkeypatch
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["{scenes}/tamponade.yaml", "--accuracy", "finest"], 'must be one of draft, standard, fine'),
-    (["{scenes}/tamponad.yaml"], "did you mean tamponade.yaml?"),
+    (["{scenes}/tamponad.yaml"], "did you mean tamponade?"),
     (["none.json", "--accuracy", "draft"], "is resolved already"),
     (["{scenes}/tamponade.yaml", "--accuracy", "all", "--made", "a", "b"], "the particles of one level"),
 ])

@@ -10,6 +10,7 @@ from pipeline.base import memory
 from pipeline.base.errors import UserError
 from pipeline.cavity.voxels import voxelize
 from pipeline.scenes import memory_check
+from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import load_scene
 from sim import profiling as costs
 from sim.memory import bytes_per_particle, needed_bytes
@@ -54,7 +55,7 @@ def test_an_effect_that_is_off_needs_no_memory():
                                                ("egg_dropped", "0.05 mm"), ("tamponade", "2 nm")])
 def test_too_many_particles_are_one_sentence_with_a_way_out(name, spacing, tmp_path, monkeypatch):
     monkeypatch.setattr(memory_check, "memory_of_computer", lambda: 8.0 * 2**30)
-    for file in SCENES.glob("*.yaml"):
+    for file in scene_paths(SCENES).values():
         (tmp_path / file.name).write_text(file.read_text())
     path = tmp_path / "x.yaml"
     path.write_text(f"extends: {name}\nnumerics: {{particle_spacing: {spacing}}}\n")

@@ -45,6 +45,7 @@ from pipeline.measures.plots import overview  # noqa: E402
 from pipeline.pictures.marks import header  # noqa: E402
 from pipeline.scenes import load  # noqa: E402
 from pipeline.scenes.eye_shape import published_volume  # noqa: E402
+from pipeline.scenes.folders import scene_paths  # noqa: E402
 from pipeline.scenes.load import load_resolved, load_scene  # noqa: E402
 from pipeline.scenes.model import Scene  # noqa: E402
 from pipeline.scenes.reader import MOST_MESSAGES  # noqa: E402
@@ -74,7 +75,7 @@ WORDS = ("yes", "no", "on", "off", "null", "~", "true", "False", "", " ", "tiny"
          '"', "'", "\\", "@scene@", "@folder@", "two\nlines", "tab\there", "a\rb", "\u2028", "\ud800", "\udfff", "\x00",
          "\x1b[2J", "\x85", "\u202e", "\ufeff", "\U0001f600" * 40, "e\u0301\u0301\u0301", "\uffff", "x" * 199,
          "x" * 201, "y" * 6000, "\u0627\u0644\u0639\u064a\u0646")
-SHIPPED = sorted((ROOT / "config" / "scenes").glob("*.yaml"))
+SHIPPED = list(scene_paths(ROOT / "config" / "scenes").values())
 
 
 class Hang(BaseException):

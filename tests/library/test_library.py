@@ -36,8 +36,8 @@ def changed(scenes, name=None, **changes):
 def test_folder_without_scenes_gets_them_once_and_keeps_its_own(tmp_path, capsys):
     folder = project_folder(tmp_path / "lecture")
     assert "copied here" in capsys.readouterr().err
-    scene = folder / "config" / "scenes" / "tiny.yaml"
-    assert scene.read_bytes() == (PROJECT / "config" / "scenes" / "tiny.yaml").read_bytes()
+    scene = folder / "config" / "scenes" / "tests" / "tiny.yaml"
+    assert scene.read_bytes() == (PROJECT / "config" / "scenes" / "tests" / "tiny.yaml").read_bytes()
     scene.write_text("title: my own\n")
     assert project_folder(folder) == folder and scene.read_text() == "title: my own\n"
     assert not capsys.readouterr().err
@@ -107,18 +107,18 @@ def test_wrong_changes_are_one_sentence_and_leave_no_file(scenes, changes, sente
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
-    ({"scene": "tinny"}, "tinny.yaml: no such file (did you mean tiny.yaml?)"),
+    ({"scene": "tinny"}, "tinny.yaml: no such file (did you mean tiny?)"),
     ({"scene": "tiny", "accuracy": "drat"}, "did you mean draft?"),
     ({"scene": "tiny", "name": "../mine"}, '"../mine" cannot name a scene'),
     ({"scene": "tiny", "cores": 0}, "cores is 0, but must be at least 1"),
     ({"scene": "tiny", "name": "saccades", "title": "mine"}, "was written by hand"),
 ])
 def test_wrong_arguments_are_one_sentence(scenes, arguments, sentence):
-    before = (scenes / "saccades.yaml").read_text()
+    before = (scenes / "clinic" / "saccades.yaml").read_text()
     with pytest.raises(pipeline.UserError) as error:
         pipeline.run(folder=scenes.parents[1], **arguments)
     assert sentence in str(error.value)
-    assert (scenes / "saccades.yaml").read_text() == before
+    assert (scenes / "clinic" / "saccades.yaml").read_text() == before
 
 
 def test_an_error_of_a_stage_is_one_exception_with_its_sentence(scenes):
@@ -198,9 +198,9 @@ def test_installed_files_run_outside_the_project(tmp_path):
     code = (f"import sys; sys.path.insert(0, {str(site)!r}); import pipeline.scene; from pathlib import Path; "
             "from pipeline.workflow.command import project_folder, snakemake_command; "
             "folder = project_folder(Path.cwd()); "
-            "pipeline.scene.main(['config/scenes/tiny.yaml', '--check']); "
+            "pipeline.scene.main(['tiny', '--check']); "
             "print(pipeline.__file__, *snakemake_command(folder))")
     done = subprocess.run([sys.executable, "-c", code], cwd=home, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert str(site / "pipeline" / "project" / "Snakefile") in done.stdout
-    assert (home / "config" / "scenes" / "tiny.yaml").is_file()
+    assert (home / "config" / "scenes" / "tests" / "tiny.yaml").is_file()

@@ -16,6 +16,7 @@ from pipeline.planning.confirm import confirming_scene
 from pipeline.planning.search import MAP, Question, Tables, answers
 from pipeline.planning.settings import load_settings, postures
 from pipeline.planning.touch import FILLS, LATITUDES, MERIDIANS, fills_needed, key_of, read_tables, write_tables
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Buckle, Eye, Landmarks
 from pipeline.scenes.retina import direction
@@ -202,7 +203,7 @@ def test_a_confirming_scene_is_a_scene(tables, tmp_path):
     scenes = tmp_path / "scenes"
     scenes.mkdir()
     for name in ("resting_eye", "still_eye", "tamponade"):
-        (scenes / f"{name}.yaml").write_text((ROOT / "config" / "scenes" / f"{name}.yaml").read_text())
+        (scenes / f"{name}.yaml").write_text(scene_path(name, ROOT / "config" / "scenes").read_text())
     path, buckled = scenes / "confirming.yaml", Eye(lens="pseudophakic", buckle=Buckle(0.002, clock_hours=(10.0, 2.0)))
     path.write_text(confirming_scene(asked, answer, buckled, "resting_eye"))
     scene = load_scene(path, "draft", ROOT / "config")

@@ -14,6 +14,7 @@ from pipeline.planning import confirm, sequence
 from pipeline.planning.breaks import read_break
 from pipeline.planning.search import Answer, Question
 from pipeline.planning.settings import load_settings
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Eye
 
@@ -23,7 +24,7 @@ def folder(tmp_path):
     scenes = tmp_path / "scenes"
     scenes.mkdir()
     for name in ("resting_eye", "still_eye", "tamponade", "day_of_postures"):
-        (scenes / f"{name}.yaml").write_text((ROOT / "config" / "scenes" / f"{name}.yaml").read_text())
+        (scenes / f"{name}.yaml").write_text(scene_path(name, ROOT / "config" / "scenes").read_text())
     return scenes
 
 

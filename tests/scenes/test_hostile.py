@@ -146,7 +146,8 @@ def test_endless_runs_are_asked_back(key, write):
 
 
 def test_too_many_segments_are_refused(write):
-    text = "extends: tiny\noutput: {{duration: 90 s, frame_interval: 10 ms, frames_per_segment: {}}}\n"
+    text = ("extends: tiny\noutput: {{duration: 90 s, frame_interval: 10 ms, allowed_frames: 9001, "
+            "frames_per_segment: {}}}\n")
     message, = errors_of(write(text.format(8)))
     assert "output.frames_per_segment is 8, but must be at least 9," in message
     assert load_scene(write(text.format(9)), "draft").segment_count == 1000

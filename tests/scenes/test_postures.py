@@ -9,6 +9,7 @@ from conftest import ROOT
 
 from pipeline.advice.report import report_of
 from pipeline.base.errors import UserError
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.scenes.value_files import head_orientation
 from sim.effects.gravity import Gravity, GravityParameters, Turn
@@ -117,7 +118,7 @@ def folder(tmp_path):
     scenes = tmp_path / "scenes"
     scenes.mkdir()
     for name in ("resting_eye", "still_eye", "tamponade"):
-        (scenes / f"{name}.yaml").write_text((ROOT / "config" / "scenes" / f"{name}.yaml").read_text())
+        (scenes / f"{name}.yaml").write_text(scene_path(name, ROOT / "config" / "scenes").read_text())
     return scenes
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.base.errors import UserError
 from pipeline.scene import main
+from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.schema import schema_text
@@ -17,7 +18,7 @@ from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from sim.effects import REGISTRY
 
-SHIPPED = sorted((PROJECT_CONFIG / "scenes").glob("*.yaml"))
+SHIPPED = list(scene_paths(PROJECT_CONFIG / "scenes").values())
 LEVELS = tuple(load_accuracy_levels(PROJECT_CONFIG / "accuracy.yaml"))
 
 
@@ -260,14 +261,16 @@ BAD = {
     "cohesion without strength": ("effects: {interface_tension: null, cohesion: {}}",
                                   "effects.cohesion gives neither gamma nor tension"),
     "empty effect": ("effects: {cohesion: }", "effects.cohesion is empty"),
-    "duration": ("output: {duration: 0.35 s}", "is 0.35 s, but must be a whole multiple of frame_interval, 0.1 s"),
+    "duration": ("output: {duration: 0.37 s}", "is 0.37 s, but must be a whole multiple of frame_interval, 0.05 s"),
     "short duration": ("output: {duration: 0.01 s}", "whole multiple"),
     "rest of a single liquid": ("liquids: [aqueous]\neffects: {injection: null, interface_tension: null}\n"
                                 "output: {until_rest: true}",
                                 "output.until_rest needs an eye with two liquids or more"),
     "rest between two frames": ("output: {until_rest: true, frame_interval: 2 s}",
                                 "frame_interval is 2 s, but must be at most 1 s with until_rest"),
-    "too many frames": ("output: {frame_interval: 1e-8}", "at most 100000 can be saved"),
+    "too many frames": ("output: {frame_interval: 1 ms}",
+                        "which gives 10000 pictures, but at most 2000 are made; take a longer one, or allow more by "
+                        "output.allowed_frames"),
     "odd picture": ("output: {image_size: [333, 200]}", "even"),
     "fill below 100 %": ("initial: {fill: {aqueous: 50 %}}", "adds up to 50 %"),
     "fill of a stranger": ("initial: {fill: {oil: 100 %}}", "initial.fill.oil is not known"),
@@ -323,10 +326,10 @@ BROKEN = {
     "list": ("- tamponade", "is a list, but must hold `name: value` lines"),
     "control character": ("title: \x07", "UTF-8"),
     "deep": ("[" * 5000, "more than 20 deep"),
-    "unknown parent": ("extends: tamponnade", 'extends is "tamponnade", but must be the name of a scene in this folder '
+    "unknown parent": ("extends: tamponnade", 'extends is "tamponnade", but must be the name of a scene '
                                               "(did you mean tamponade?)"),
     "extends itself": ("extends: case", "extends leads back to the same scene (case -> case)"),
-    "extends a path": ("extends: ../scenes/tamponade.yaml", "must be the name of a scene in this folder"),
+    "extends a path": ("extends: ../scenes/tamponade.yaml", "must be the name of a scene"),
     "nothing said": ("title: x", "liquids is missing"),
 }
 
@@ -350,7 +353,7 @@ def test_one_unknown_liquid_gives_one_error(write):
 
 
 def test_missing_file_names_the_nearest(config):
-    assert "no such file (did you mean tamponade.yaml?)" in errors_of(config / "scenes" / "tamponad.yaml")[0]
+    assert "no such file (did you mean tamponade?)" in errors_of(config / "scenes" / "tamponad.yaml")[0]
 
 
 def test_cycle_over_several_scenes(write):
@@ -375,7 +378,7 @@ def test_all_errors_at_once_with_their_files(write):
     parent = write("extends: tamponade\neffects: {gravity: {magnitude: 9.81 m}}", "parent")
     path = write("extends: parent\ntitel: x\n"
                  "effects: {viscosity: {wall: slippy}, injection: {fill: 101 %, start: 9 s}}\n"
-                 "output: {duration: 0.35 s, image_size: [1, 2, 3]}\nstart_from: nowhere\n")
+                 "output: {duration: 0.37 s, image_size: [1, 2, 3]}\nstart_from: nowhere\n")
     text = "\n".join(errors_of(path))
     for key in ("titel", "effects.viscosity.wall", "effects.viscosity_implicit", "effects.injection.fill",
                 "effects.injection.start", "output.duration", "output.image_size", "start_from"):

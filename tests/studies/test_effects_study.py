@@ -26,7 +26,8 @@ def test_every_effect_is_off_in_one_scene_that_differs_in_nothing_else(parameter
         base, effect = name.split(OFF)
         whole, off = (load_scene(ROOT / "config" / "scenes" / f"{one}.yaml", "draft") for one in (base, name))
         assert off.effects == {key: value for key, value in whole.effects.items() if key != effect}
-        assert dataclasses.replace(off, name=base, title=whole.title, effects=whole.effects) == whole
+        words = {"name": base, "title": whole.title, "description": whole.description}
+        assert dataclasses.replace(off, **words, effects=whole.effects) == whole
         missing.setdefault(base, set()).add(effect)
     tamponade, emulsion = (set(load_scene(ROOT / "config" / "scenes" / f"{one}.yaml", "draft").effects)
                            for one in parameters.scenes)

@@ -23,12 +23,13 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
+from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks
 from pipeline.workflow import digest
 from pipeline.workflow.scenes import Workflow
 
-SCENES = sorted(path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml"))
+SCENES = sorted(scene_paths(ROOT / "config" / "scenes"))
 LEVELS = list(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
 # Plans
 
@@ -86,7 +87,7 @@ def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(pr
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["tinny"], 'no scene and no study is called "tinny" (did you mean tiny?)'),
-    (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny.yaml?)"),
+    (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny?)"),
     (["outputs/studies/validation/table.html"], "ask for outputs/studies/validation/draft/table.html"),
     (["outputs/studies/validation/standard"], "ask for a file in it, such as outputs/studies/validation/standard/t"),
     (["outputs/studies/validatoin/table.html"], 'no study is called "validatoin" (did you mean validation?)'),
@@ -180,7 +181,7 @@ def test_a_page_shows_the_scene_file_and_those_that_it_extends_as_they_are(proje
     project.write_scene("after", "extends: tiny\n")
     texts = {Workflow.page_texts(wildcards)}
     for name, more in (("tiny", "# why\n"), ("after", "# what for\n"), ("egg_thrown", "# not shown\n")):
-        file = project.folder / "config" / "scenes" / f"{name}.yaml"
+        file = scene_path(name, project.folder / "config" / "scenes")
         file.write_text(file.read_text() + more)
         texts.add(Workflow.page_texts(wildcards))
     assert len(texts) == 3
@@ -273,7 +274,7 @@ def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
 
 
 def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
-    scene = finished.folder / "config" / "scenes" / "tiny.yaml"
+    scene = scene_path("tiny", finished.folder / "config" / "scenes")
     before = scene.read_text()
     try:
         scene.write_text(before + "label: illustration\n")
@@ -287,7 +288,7 @@ def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
 
 
 def test_longer_scene_keeps_what_it_has(finished):
-    scene = finished.folder / "config" / "scenes" / "tiny.yaml"
+    scene = scene_path("tiny", finished.folder / "config" / "scenes")
     before = scene.read_text()
     try:
         scene.write_text(before.replace("duration: 0.2 s", "duration: 0.4 s"))
@@ -303,7 +304,8 @@ def test_resolved_scene_follows_its_file(project):
     project.snakemake("outputs/tiny/draft/eye.vtp")
     assert '"title": "Tiny tamponade"' in resolved.read_text()
     date = (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns
-    project.write_scene("tiny", (project.folder / "config/scenes/tiny.yaml").read_text().replace("Tiny", "Small"))
+    tiny = scene_path("tiny", project.folder / "config/scenes").read_text()
+    project.write_scene("tiny", tiny.replace("Tiny", "Small"))
     code, output = project.snakemake("outputs/tiny/draft/initial.npz")
     assert code == 0, output
     assert '"title": "Small tamponade"' in resolved.read_text()
@@ -447,7 +449,7 @@ def pids_of(*words):
 
 
 def test_every_segment_starts_where_the_one_before_ends(project):
-    tiny = (project.folder / "config/scenes/tiny.yaml").read_text()
+    tiny = scene_path("tiny", project.folder / "config/scenes").read_text()
     project.write_scene("tiny", tiny.replace("duration: 0.2 s", "duration: 0.5 s"))
     scene = load_scene(project.folder / "config/scenes/tiny.yaml", "draft")
     assert scene.segment_count > 2
