@@ -37,7 +37,7 @@ from pipeline.pictures.marks import (
 from pipeline.pictures.paint import css, paint_of
 from pipeline.pictures.section_panel import SectionPanel
 from pipeline.pictures.slice_panel import DROPLET_COLORS, DROPLET_TICKS, Fields
-from pipeline.scenes.effects import does, droplets_of, knows_films, places_at_work
+from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 from sim.effects.effect import MIXES
@@ -69,6 +69,7 @@ class Renderer:
         self.droplets = droplets_of(scene)
         self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
         self.right_eye, self.paint = scene.eye.side == "right", paint_of(scene)
+        self.illustrates = bool(illustration_in_words(scene))
         self.panel: SectionPanel | None = None
         self.fundus: FundusMap | None = None
         self.view = None
@@ -102,8 +103,8 @@ class Renderer:
             breaks = self.scene.patches(globe_radius(points))["breaks"].items()
             self.fundus = FundusMap(points, self._panel_size(-1), right_eye=self.right_eye,
                                     outlines={name: one.outline() for name, one in breaks}, paint=self.paint)
-        canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, quadrants=retina,
-                                      marks=marks), (self.columns[-2], self.top))
+        canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, marks=marks,
+                                      quadrants=None if self.illustrates else retina), (self.columns[-2], self.top))
         self._texts(canvas, frame, retina, [name for name, _ in working], mixed=self._is_mixed(frame))
         return reduce(canvas)
 
@@ -180,7 +181,7 @@ class Renderer:
         height = (self.bottom - self.top) / len(HALVES)
         for row, half in enumerate(HALVES):
             left, top = self.columns[1] + 1.0 * u, self.top + row * height
-            write(draw, (left, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
+            write(draw, (left + 1.0 * u, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
                   color=FAINT_INK)
             if down.any():
                 place = np.array([left + 3.0 * u, top + height - 5.0 * u])
@@ -188,7 +189,9 @@ class Renderer:
                 write(draw, place + np.array([-2.5 * u, 3.6 * u]), word, 2.0 * u, anchor="lm")
 
     def _headline(self, retina: dict[str, Coverage]) -> str:
-        """The numbers that a surgeon looks for first."""
+        """The numbers that a surgeon looks for first, where they mean what they say."""
+        if self.illustrates:
+            return "an illustration after Song et al.; its numbers are no prediction"
         parts = retina["whole"].parts
         return f"{self._shown_name()} {'is over' if parts else 'touches'} {retina['whole']} of the retina" \
             f"{parts and f' ({parts})'}, {retina['inferior']} of its inferior half, {retina['macula']} of the macula"
