@@ -148,7 +148,7 @@ def _fundus(run: Run) -> Markup:
     words = page.paragraph(
         f"The {run.scene.eye.side} eye, as its examiner sees it: macula in the middle, circles at the equator, the ora "
         "serrata and the front of the pars plana. Colors are those of the pictures above.",
-        "Where stripes are lighter the oil lies on a thin film of aqueous." if knows_films(run.scene) else "")
+        "Where level stripes are pale blue the oil lies on a thin film of aqueous." if knows_films(run.scene) else "")
     return Markup('<h2>Fundus over time</h2><div class="strip">{}</div>{}').format(Markup("\n").join(maps), words)
 
 

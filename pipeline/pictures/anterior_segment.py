@@ -123,9 +123,10 @@ class AnteriorSegment:
     def ciliary_body(self) -> tuple[np.ndarray, np.ndarray]:
         """A triangle behind the root of the iris along the sclera, with processes toward the lens."""
         corner = float(np.arctan2(ANGLE, self.root))
-        angle = np.linspace(corner + np.radians(1.0), np.arctan2(0.8 * self.globe[0], self.front), 40)
+        back = self.front - 1.3e-3      # where the wall of the cavity is that of the globe again
+        end = np.arctan2(self.globe[0] * np.sqrt(1.0 - (back / self.globe[1]) ** 2), back)
+        angle = np.linspace(corner + np.radians(1.0), end, 40)
         along = self.inside(angle)
-        back = self.front - 1.2e-3
         outer = np.stack([along * np.sin(angle), along * np.cos(angle)])
         inner = np.array([(across, self.front + share * (self.root - self.front)) for across, share in PROCESSES]).T
         inner[1] = np.minimum(inner[1], self.root - 0.15e-3)

@@ -107,9 +107,9 @@ class SectionPanel(SlicePanel):
             return [self.pixel(side * across, height) for side in (1.0, -1.0)]
 
         thin = max(1.0, 0.09e-3 * self.scale)
-        room = self.cover(inside - 0.25e-3)
-        self.paint_over(room * before * (np.abs(y) > ANGLE - 0.1e-3) * self.cover(z - eye.root + 0.2e-3), CILIARY)
-        self.paint_over(self.areas(both(eye.ciliary_body())) * room, CILIARY)
+        room = self.cover(inside)
+        beside = before * (np.abs(y) > ANGLE - 0.1e-3) * self.cover(z - eye.root + 0.2e-3)
+        self.paint_over(room * np.maximum(beside, self.areas(both(eye.ciliary_body()))), CILIARY)
         if eye.lens == "phakic":
             for fiber in eye.zonules():
                 self.paint_over(0.8 * self.strokes(both(fiber), 0.7 * thin), ZONULE)
@@ -125,7 +125,8 @@ class SectionPanel(SlicePanel):
             self.paint_over(self.areas(outline), IMPLANT)
             self.paint_over(self.strokes([(np.append(x, x[:1]), np.append(y, y[:1])) for x, y in outline], 1.3 * thin),
                             CAPSULE)
-        self.paint_over(self.areas(both(eye.iris())) * room, IRIS)
+        # Its root reaches a bit into the wall.
+        self.paint_over(self.areas(both(eye.iris())) * self.cover(inside - 0.25e-3), IRIS)
 
     def _captions(self, draw: ImageDraw.ImageDraw) -> None:
         u, (width, height) = self.unit, self.size

@@ -20,6 +20,7 @@ DROPLET_RANGE = (1e-8, 1e-3)
 DROPLET_TICKS = ("0.01", "0.1", "1", "10", "100", "1000")       # parts per million
 SCLERA, CHOROID, RETINA, WALL = (226, 222, 216), (92, 44, 42), (217, 130, 107), (182, 156, 148)
 RETINA_END, CHOROID_END, SCLERA_END = 0.22e-3, 0.42e-3, 0.85e-3     # m outside the cavity, drawn
+KNOWN = 0.95                    # of the largest distance to the wall in a file
 WALL_END = 0.7e-3               # m, of a user's mesh, whose wall is not known
 
 
@@ -73,7 +74,8 @@ class SlicePanel:
         self._columns = (self.columns - fields.origin[1]) / fields.cell
         near = self.sample(fields.signed_distance)
         # Away from the wall files hold a constant, and the grid ends.
-        self.distance = np.where(near < 2.0 / scale, near, (distance_transform_edt(near > 0.0) - 0.5) / scale)
+        known = near < KNOWN * fields.signed_distance.max()
+        self.distance = np.where(known, near, (distance_transform_edt(near > 0.0) - 0.5) / scale)
         self.inside = self.cover(self.distance)
         self.background = np.full((size[1], size[0], 3), 255.0, np.float32)
 
