@@ -32,7 +32,7 @@ from pipeline.measures.plots import overview, write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
-from pipeline.scenes.effects import SOLVES
+from pipeline.scenes.effects import SOLVES, illustration_in_words
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surface
@@ -296,7 +296,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{scene.name}: {course.sentence()}", flush=True)
     shown = shown_metrics(table, metrics_of(scene))
     events = events_of(scene, table, float(initial["cavity_volume"]))
-    if rest := rest_in_words(table, events):
+    if rest := "" if illustration_in_words(scene) else rest_in_words(table, events):
         print(f"{scene.name}: {rest}", flush=True)
     title = f"{scene.title or scene.name} ({scene.accuracy})"
     if options.meanings:

@@ -1,4 +1,4 @@
-"""Stage: frames of particles -> one closed surface per liquid and frame; of an eye also a section and its wall.
+"""Stage: frames of particles -> one closed surface per liquid and frame; of an eye also sections and its wall.
 
 In two dimensions the surfaces are closed lines.
 """
@@ -109,9 +109,8 @@ def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Re
                       depth=reconstructor.depth_at(mesh.points))
         for suffix in formats:
             write_copy(surface_path(folder, path.stem, liquid, f".{suffix}"), mesh)
-    section = reconstructor.section()
-    if section is not None:
-        write_section(folder / f"{path.stem}_section.vti", section, time=frame.time, liquids=frame.liquids)
+    for name, section in reconstructor.sections().items():
+        write_section(folder / f"{path.stem}_{name}.vti", section, time=frame.time, liquids=frame.liquids)
     statistics = {"time": frame.time, "mixed": mixed, "liquids": dict(zip(
         frame.liquids, (surface.statistics for surface in surfaces), strict=True))}
     if wall is not None:
@@ -131,7 +130,7 @@ def main(arguments: list[str] | None = None) -> None:
                         help="folders of all frames before, from the start on: they tell where oil lies on films that "
                         "are too thin for the particles (default: none, so that oil at the wall touches it)")
     parser.add_argument("--output", required=True, type=Path, metavar="SURFACES_DIR",
-                        help="folder to write: a .vtp per liquid, a section and a .json with volumes per frame")
+                        help="folder to write: a .vtp per liquid, two sections and a .json with volumes per frame")
     parser.add_argument("--format", action="append", default=[], choices=("ply", "stl"),
                         help="write each surface in this format too (default: `output.formats` of the scene)")
     parser.add_argument("--threads", type=int, default=0, metavar="N",

@@ -17,6 +17,7 @@ from pipeline.base.progress import progress
 from pipeline.base.usage import frame_done
 from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
+from pipeline.pictures.anterior_segment import anterior_segment
 from pipeline.pictures.container_picture import ContainerRenderer
 from pipeline.pictures.eye_layout import HEADER, columns_of, rows_of
 from pipeline.pictures.fundus_map import BREAK_COLOR, Coverage, FundusMap
@@ -33,14 +34,17 @@ from pipeline.pictures.marks import (
     reduce,
     write,
 )
-from pipeline.pictures.paint import COLORS
-from pipeline.pictures.section_panel import DROPLET_COLORS, DROPLET_TICKS, SectionPanel, scheme_of
-from pipeline.scenes.effects import droplets_of, knows_films, places_at_work
+from pipeline.pictures.paint import css, paint_of
+from pipeline.pictures.section_panel import SectionPanel
+from pipeline.pictures.slice_panel import DROPLET_COLORS, DROPLET_TICKS, Fields
+from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
+from sim.effects.effect import MIXES
 
 MARK_COLORS = {"cannula": (213, 94, 0), "drain": (120, 94, 240)}
-FAR_BESIDE, LEAST_BESIDE = 1e-3, 0.01   # m off the section, and share of the cavity, from which on it is said
+MOST_BESIDE, LEAST_BESIDE = 0.6, 0.01   # shares on one side of the section, and of the cavity, from which on it is said
+PURE, LEAST_MIXED = 0.95, 0.01          # fraction of one liquid, and share of the cavity that has less of every one
 
 
 class Renderer:
@@ -64,7 +68,8 @@ class Renderer:
         self.water = next(clear, liquids[0] if len(liquids) > 1 else None)
         self.droplets = droplets_of(scene)
         self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
-        self.right_eye = scene.eye.side == "right"
+        self.right_eye, self.paint = scene.eye.side == "right", paint_of(scene)
+        self.illustrates = bool(illustration_in_words(scene))
         self.panel: SectionPanel | None = None
         self.fundus: FundusMap | None = None
         self.view = None
@@ -72,21 +77,23 @@ class Renderer:
             from pipeline.pictures.eye_view import EyeView
 
             breaks = scene.patches(globe_radius(np.asarray(eye_surface.points, float)))["breaks"].values()
-            self.view = EyeView(eye_surface, self._panel_size(1), right_eye=self.right_eye, breaks=tuple(breaks))
+            self.view = EyeView(eye_surface, self._panel_size(1), right_eye=self.right_eye, breaks=tuple(breaks),
+                                paint=self.paint)
 
-    def picture(self, frame: FrameData, section, wall, surfaces, retina: dict[str, Coverage]) -> Image.Image:
+    def picture(self, frame: FrameData, sections, wall, surfaces, retina: dict[str, Coverage]) -> Image.Image:
         """Picture of one frame.
 
         Parameters
         ----------
-        section, wall : pyvista.ImageData and pyvista.PolyData of the reconstruct stage.
+        sections : of the reconstruct stage, the one through the optic axis and the coronal one, pyvista.ImageData.
+        wall : of the reconstruct stage, pyvista.PolyData.
         surfaces : dict liquid -> pyvista.PolyData.
         retina : coverage of its parts.
         """
         working = places_at_work(self.scene, frame.time, self.cavity_volume)
         marks = [(MARK_COLORS.get(name, INK), point) for name, point in working]
         canvas = Image.new("RGB", self.size, (255, 255, 255))
-        canvas.paste(self._section(frame, section, marks), (0, self.top))
+        canvas.paste(self._section(frame, sections, marks), (0, self.top))
         if self.view is not None:
             interfaces = [(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown]
             canvas.paste(Image.fromarray(np.ascontiguousarray(self.view.draw(wall, interfaces))),
@@ -95,10 +102,10 @@ class Renderer:
             points = np.asarray(wall.points, float)
             breaks = self.scene.patches(globe_radius(points))["breaks"].items()
             self.fundus = FundusMap(points, self._panel_size(-1), right_eye=self.right_eye,
-                                    outlines={name: one.outline() for name, one in breaks})
-        canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, quadrants=retina,
-                                      marks=marks), (self.columns[-2], self.top))
-        self._texts(canvas, frame, retina, [name for name, _ in working])
+                                    outlines={name: one.outline() for name, one in breaks}, paint=self.paint)
+        canvas.paste(self.fundus.draw(wall, uncertain=0.5 * frame.particle_spacing, marks=marks,
+                                      quadrants=None if self.illustrates else retina), (self.columns[-2], self.top))
+        self._texts(canvas, frame, retina, [name for name, _ in working], mixed=self._is_mixed(frame))
         return reduce(canvas)
 
     def close(self) -> None:
@@ -110,29 +117,48 @@ class Renderer:
         left, right = (self.columns[-2:] if column < 0 else self.columns[column:column + 2])
         return right - left, self.bottom - self.top
 
-    def _section(self, frame: FrameData, section, marks) -> Image.Image:
-        count_y, count_z = section.dimensions[1:]
+    def _section(self, frame: FrameData, sections, marks) -> Image.Image:
+        section, coronal = (self._fields(image) for image in sections)
+        if self.panel is None:
+            self.panel = SectionPanel(section, anterior_segment(self.scene.eye), self._panel_size(0), coronal,
+                                      self.paint)
+        return self.panel.draw(section, frame.gravity, coronal, marks)
+
+    def _fields(self, image) -> Fields:
+        """Return what a section shows, superior up."""
+        axes = [axis for axis in (1, 2, 0) if image.dimensions[axis] > 1]       # y first
+        order = (2, 1, 0)                                                       # VTK counts along x first
 
         def plane(name):
-            return np.asarray(section.point_data[name]).reshape(count_z, count_y, -1).transpose(1, 0, 2)
+            values = np.asarray(image.point_data[name])
+            values = values.reshape(*(image.dimensions[axis] for axis in order), -1)
+            return np.moveaxis(values, [order.index(axis) for axis in axes], [0, 1]).reshape(
+                *(image.dimensions[axis] for axis in axes), -1)
 
-        if self.panel is None:
-            self.panel = SectionPanel(plane("signed_distance")[..., 0], section.origin[1:], section.spacing[1],
-                                      scheme_of(self.scene.eye),
-                                      self._panel_size(0))
         fraction, dominance = plane("fraction"), plane("dominance")
-        lines = [dominance[..., k] for k in range(1, dominance.shape[-1])]
-        droplets = None if self.droplets is None else fraction[..., self.droplets]
-        return self.panel.draw(fraction[..., self.shown].sum(axis=-1), lines, frame.gravity, droplets, marks)
+        return Fields(plane("signed_distance")[..., 0], np.array(image.origin)[axes], image.spacing[axes[0]],
+                      fraction[..., self.shown].sum(axis=-1),
+                      tuple(dominance[..., k] for k in range(1, dominance.shape[-1])),
+                      None if self.droplets is None else fraction[..., self.droplets])
 
-    def _texts(self, canvas: Image.Image, frame: FrameData, retina: dict[str, Coverage], working: list[str]) -> None:
+    def _is_mixed(self, frame: FrameData) -> bool:
+        """Whether there is a mixture to be shown: of what is told apart by colors, not of what are droplets."""
+        if self.droplets is None and does(self.scene, MIXES):
+            return True
+        fraction = frame.volume_fraction[:, self.shown].sum(axis=1)
+        return bool(frame.volume[np.minimum(fraction, 1.0 - fraction) > 1.0 - PURE].sum()
+                    > LEAST_MIXED * frame.volume.sum())
+
+    def _texts(self, canvas: Image.Image, frame: FrameData, retina: dict[str, Coverage], working: list[str],
+               mixed: bool) -> None:
         draw, u = ImageDraw.Draw(canvas), self.size[1] / 100.0
         header(draw, self.size, title=self.scene.title or self.scene.name,
                time=clock(frame.time, self.scene.output.second_means), subtitle=self._headline(retina),
                label=self.scene.label)
         section = ["section through the optic axis, from the patient's left", self._beside(frame)]
         fundus = [f"fundus of the {self.scene.eye.side} eye, as its examiner sees it", self._fill(frame)]
-        captions = [section, fundus] if self.view is None else [section, ["", ""], fundus]
+        halves = ["rings: equator, ora, macula, disc"]
+        captions = [section, fundus] if self.view is None else [section, halves, fundus]
         ends = [*self.columns[1:-1], self.columns[-1] - 6.0 * u]     # the arrow of gravity is at the right
         for left, right, lines in zip(self.columns, ends, captions, strict=False):
             for row, line in enumerate(lines):
@@ -143,8 +169,9 @@ class Renderer:
         down = frame.gravity / max(float(np.linalg.norm(frame.gravity)), 1e-9)
         if down.any():
             place = np.array([self.columns[-1] - 4.5 * u, self.top - 2.8 * u])
-            gravity_mark(draw, place, 2.8 * u, *down)
-        self._legend(canvas, draw, u, working)
+            word = gravity_mark(draw, place, 2.8 * u, *down)
+            write(draw, place + np.array([2.5 * u, 4.6 * u]), word, 2.0 * u, anchor="rm")
+        self._legend(canvas, draw, u, working, mixed)
 
     def _halves(self, draw: ImageDraw.ImageDraw, frame: FrameData, u: float) -> None:
         """Name the halves of the opened eye, and show where gravity pulls in them."""
@@ -154,55 +181,74 @@ class Renderer:
         height = (self.bottom - self.top) / len(HALVES)
         for row, half in enumerate(HALVES):
             left, top = self.columns[1] + 1.0 * u, self.top + row * height
-            write(draw, (left, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
+            write(draw, (left + 1.0 * u, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
                   color=FAINT_INK)
             if down.any():
-                gravity_mark(draw, (left + 3.0 * u, top + height - 5.0 * u), 3.2 * u, *(screen_axes(half) @ down))
+                place = np.array([left + 3.0 * u, top + height - 5.0 * u])
+                word = gravity_mark(draw, place, 3.2 * u, *(screen_axes(half) @ down))
+                write(draw, place + np.array([-2.5 * u, 3.6 * u]), word, 2.0 * u, anchor="lm")
 
     def _headline(self, retina: dict[str, Coverage]) -> str:
-        """The numbers that a surgeon looks for first."""
+        """The numbers that a surgeon looks for first, where they mean what they say."""
+        if self.illustrates:
+            return "an illustration after Song et al.; its numbers are no prediction"
         parts = retina["whole"].parts
         return f"{self._shown_name()} {'is over' if parts else 'touches'} {retina['whole']} of the retina" \
             f"{parts and f' ({parts})'}, {retina['inferior']} of its inferior half, {retina['macula']} of the macula"
 
-    def _legend(self, canvas: Image.Image, draw: ImageDraw.ImageDraw, u: float, working: list[str]) -> None:
+    def _legend(self, canvas: Image.Image, draw: ImageDraw.ImageDraw, u: float, working: list[str],
+                mixed: bool) -> None:
+        """Say below the panels what colors and marks mean: a swatch for each liquid, of mixtures the scale between."""
         width, height = self.size
         top, bottom = height - 6.6 * u, height - 4.2 * u
-        bar = 0.13 * width
-        left = 0.085 * width
-        color_bar(draw, (left, top, left + bar, bottom), COLORS, f"{self._shown_name()} volume fraction",
-                  (pretty(self.water) if self.water else "", self._shown_name()), 2.4 * u)
-        left += bar + 0.07 * width
+        middle, bar, left, text = 0.5 * (top + bottom), 0.13 * width, 2.0 * u, 2.4 * u
+
+        def words(after: float, what: str) -> float:
+            """Write what a mark ``after`` which it stands means; return where the next one begins."""
+            return after + 3.0 * u + write(draw, (after + 1.0 * u, middle), what, text, anchor="lm")
+
+        def swatch(color, what: str) -> float:
+            draw.rectangle([left, top, left + 3.6 * u, bottom], fill=color, outline=FAINT_INK)
+            return words(left + 3.6 * u, what)
+
+        if mixed:
+            left += 0.06 * width
+            color_bar(draw, (left, top, left + bar, bottom), self.paint.colors, f"{self._shown_name()} volume fraction",
+                      (self._plain(self.water), self._shown_name()), text)
+            left += bar + 0.05 * width
+        else:
+            left = swatch(css(self.paint.covered), self._plain(self.scene.liquids[self.shown[0]].name))
+            if self.water:
+                left = swatch(css(self.paint.bare), self._plain(self.water))
         if self.droplets is not None:
+            left += 2.0 * u
             color_bar(draw, (left, top, left + 1.3 * bar, bottom), DROPLET_COLORS, "oil in droplets, ppm", ("", ""),
-                      2.4 * u, DROPLET_TICKS)
+                      text, DROPLET_TICKS)
             left += 1.3 * bar + 0.03 * width
-        entries = [(self._color(index), "interface" if len(self.shown) == 1 else pretty(self.scene.liquids[index].name))
-                   for index in self.shown if self.view is not None]
-        for color, text in entries:
-            draw.rectangle([left, top, left + 2.4 * u, bottom], fill=color, outline=FAINT_INK)
-            left += 6.0 * u + write(draw, (left + 3.4 * u, 0.5 * (top + bottom)), text, 2.4 * u, anchor="lm")
-        canvas.paste(self.fundus.hatch_sample((round(4.8 * u), round(bottom - top))), (round(left), round(top)))
-        left += 8.2 * u + write(draw, (left + 5.8 * u, 0.5 * (top + bottom)), "uncertain edge", 2.4 * u, anchor="lm")
+        if len(self.shown) > 1 and self.view is not None:
+            for index in self.shown:
+                left = swatch(self.scene.liquids[index].color, pretty(self.scene.liquids[index].name))
+        canvas.paste(self.fundus.hatch_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
+        left = words(left + 3.6 * u, "edge, known to half a particle")
         if knows_films(self.scene):
             canvas.paste(self.fundus.film_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
             draw.rectangle([left, top, left + 3.6 * u, bottom], outline=FAINT_INK)
-            words = "oil on a thin film"
-            left += 7.0 * u + write(draw, (left + 4.6 * u, 0.5 * (top + bottom)), words, 2.4 * u, anchor="lm")
+            left = words(left + 3.6 * u, f"{self._shown_name()} on a thin film of {self._plain(self.water)}")
         if self.scene.breaks:
-            middle = 0.5 * (top + bottom)
             draw.line([left, middle, left + 3.2 * u, middle], fill=BREAK_COLOR, width=round(0.8 * u))
-            text = "break" if len(self.scene.breaks) == 1 else "breaks"
-            left += 6.4 * u + write(draw, (left + 4.2 * u, middle), text, 2.4 * u, anchor="lm")
+            left = words(left + 3.2 * u, "break" if len(self.scene.breaks) == 1 else "breaks")
         for name in working:
-            diamond(draw, (left, 0.5 * (top + bottom)), 1.5 * u, MARK_COLORS.get(name, INK))
-            left += 4.6 * u + write(draw, (left + 2.2 * u, 0.5 * (top + bottom)), name, 2.4 * u, anchor="lm")
+            diamond(draw, (left + 1.5 * u, middle), 1.5 * u, MARK_COLORS.get(name, INK))
+            left = words(left + 3.0 * u, name)
 
     def _color(self, index: int) -> str:
-        """One color for the interface of the one oil; several liquids have the scene's colors."""
-        from pipeline.pictures.eye_view import INTERFACE_COLOR
+        """The interface of the one oil has the color of oil; several liquids have the scene's colors."""
+        return css(self.paint.covered) if len(self.shown) == 1 else self.scene.liquids[index].color
 
-        return INTERFACE_COLOR if len(self.shown) == 1 else self.scene.liquids[index].color
+    @staticmethod
+    def _plain(name: str | None) -> str:
+        """Name of a liquid without the number of its grade: silicone_oil_1000 -> silicone oil."""
+        return pretty(name or "").rstrip("0123456789 ")
 
     def _shown_name(self) -> str:
         names = [self.scene.liquids[index].name for index in self.shown]
@@ -223,10 +269,11 @@ class Renderer:
         volume = frame.volume.astype(float) * frame.volume_fraction[:, list(frame.liquids).index(self.water)]
         if volume.sum() <= LEAST_BESIDE * frame.volume.sum():
             return ""
-        center = float(volume @ frame.position[:, 0] / volume.sum())
-        side = "left" if center > 0.0 else "right"
-        return f"center of the {pretty(self.water)} {1e3 * abs(center):.1f} mm to the patient's {side}" \
-            if abs(center) > FAR_BESIDE else ""
+        left = float(volume[frame.position[:, 0] > 0.0].sum() / volume.sum())
+        if max(left, 1.0 - left) < MOST_BESIDE:
+            return ""
+        side = "left" if left > 0.5 else "right"
+        return f"most of the {self._plain(self.water)} lies on the patient's {side} of this plane"
 
 
 def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
@@ -241,11 +288,11 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
                 meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:
-                    section = read_section(surfaces / f"{path.stem}_section.vti")
+                    sections = [read_section(surfaces / f"{path.stem}_{name}.vti") for name in ("section", "coronal")]
                     wall = read_wall(surfaces / f"{path.stem}_wall.vtp")
                     retina = {part: Coverage(**numbers)
                               for part, numbers in read_retina(surfaces / f"{path.stem}.json").items()}
-                    picture = renderer.picture(frame, section, wall, meshes, retina)
+                    picture = renderer.picture(frame, sections, wall, meshes, retina)
                 else:
                     picture = renderer.picture(frame, meshes)
                 picture.save(folder / f"{path.stem}.png")

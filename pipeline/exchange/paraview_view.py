@@ -2,7 +2,9 @@
 import json
 from pathlib import Path
 
+from pipeline.base.palette import rgb
 from pipeline.exchange.run_index import background_of, shown_liquids
+from pipeline.pictures.paint import paint_of
 from pipeline.scenes.model import Scene
 
 SCRIPT = '''"""Open this run in ParaView 5.10 or newer as its pictures show it, without the map of the fundus.
@@ -17,7 +19,7 @@ from paraview.simple import *
 
 SCENE = @scene@
 FOLDER = os.path.dirname(os.path.abspath(__file__)) if "__file__" in globals() else @folder@
-INTERFACE, EDGE, INK, BREAK = [0.56, 0.82, 0.92], [0.10, 0.13, 0.17], [0.1, 0.1, 0.1], [0.84, 0.15, 0.16]
+EDGE, INK, BREAK = [0.10, 0.13, 0.17], [0.1, 0.1, 0.1], [0.84, 0.15, 0.16]
 VIEW = [1.0, 0.32, 0.55]
 HALVES = {"right": 1.0, "left": -1.0}  # the half that is shown, and the side along x that the camera is on
 
@@ -79,12 +81,12 @@ def in_one_color(source, view, color, opacity=1.0):
 
 
 def by_fraction(source, view, array):
-    """Color by a share of oil, on the scale of the pictures."""
+    """Color by a share of oil: aqueous and oil as in the pictures, mixtures between them."""
     display = Show(source, view)
     ColorBy(display, ("POINTS", array))
     colors = GetColorTransferFunction(array)
-    colors.ApplyPreset("Cividis", True)
-    colors.RescaleTransferFunction(0.0, 1.0)
+    colors.ColorSpace = "Lab"
+    colors.RGBPoints = [0.0, *SCENE["without"], 1.0, *SCENE["oil"]]
     display.Specular, display.Ambient, display.Diffuse = 0.0, 0.65, 0.4
     display.SetScalarBarVisibility(view, False)
     return display, colors
@@ -130,7 +132,7 @@ def eye_views():
         view = new_view([side * VIEW[0], *VIEW[1:]], 0.60, half + " half of the eye, from inside")
         for array, source in touched.items():
             by_fraction(half_of(source, side, array + ", " + half), view, array)
-        in_one_color(half_of(interface, side, "interface, " + half), view, INTERFACE)
+        in_one_color(half_of(interface, side, "interface, " + half), view, SCENE["oil"])
         line = in_one_color(half_of(edge, side, "contact line, " + half), view, EDGE)
         line.LineWidth, line.RenderLinesAsTubes = 3.0, 1
         if red is not None:
@@ -196,8 +198,13 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
         "dimension": scene.dimension, "painted": int(painted), "breaks": len(scene.breaks),
         "share": f"1 - fraction_{background}" if background else f"fraction_{scene.liquids[0].name}",
         "words": "oil volume fraction" if any("oil" in name for name in shown) else "volume fraction",
-        "colors": {liquid.name: [round(int(liquid.color[k:k + 2], 16) / 255, 3) for k in (1, 3, 5)]
-                   for liquid in scene.liquids},
+        "colors": {liquid.name: _shares(rgb(liquid.color)) for liquid in scene.liquids},
+        "oil": _shares(paint_of(scene).covered), "without": _shares(paint_of(scene).bare),
     }
     words = json.dumps(facts, indent=4, ensure_ascii=False)
     return SCRIPT.replace("@folder@", repr(str(folder))).replace("@scene@", words)
+
+
+def _shares(color) -> list[float]:
+    """Red, green and blue from 0 to 1."""
+    return [round(int(part) / 255, 3) for part in color]

@@ -3,7 +3,8 @@
 The parts are the files that the stages have written; only the interface is written here. Parts:
 ``particles``; the closed surface of every liquid, under the name of the liquid; ``interface``, the surfaces of all
 liquids but the one around them, without what lies at the wall; ``wall``, the cavity, of an eye with its regions and
-with what touches it; ``section``, of an eye; ``places``, its breaks and the regions that the scene names.
+with what touches it; ``section`` and ``coronal``, of an eye; ``places``, its breaks and the regions that the scene
+names.
 """
 import dataclasses
 import os
@@ -38,8 +39,8 @@ class SavedFrame:
         """Return the files by the names of the parts, without the interface and the places."""
         found = {"particles": self.particles}
         found |= {liquid.name: surface_path(self.surfaces, self.name, liquid.name) for liquid in scene.liquids}
-        section = self.surfaces / f"{self.name}_section.vti"
-        return found | {"wall": self.wall or wall} | ({"section": section} if section.is_file() else {})
+        sections = {name: self.surfaces / f"{self.name}_{name}.vti" for name in ("section", "coronal")}
+        return found | {"wall": self.wall or wall} | {name: path for name, path in sections.items() if path.is_file()}
 
     @property
     def wall(self) -> Path | None:

@@ -61,7 +61,7 @@ class OilAtRest:
 
     @functools.cached_property
     def map(self) -> Image.Image:
-        """What the oil touches, as a map of the fundus: yellow is touched."""
+        """What the oil touches, as a map of the fundus: ivory is touched."""
         return Charts(self.rest.cavity.wall, {}, self.eye.side == "right").draw(self.rest)
 
     def _mesh(self, points: np.ndarray) -> "pyvista.PolyData":

@@ -21,6 +21,7 @@ from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
+from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.ending import segments_made
 from pipeline.scenes.folders import SCENES, scene_path
 from pipeline.scenes.load import load_scene, scene_of_run
@@ -186,7 +187,8 @@ class Run:
         if (self.folder / "metrics.csv").is_file():
             shown = shown_metrics(dict(self.metrics), self.metrics.metrics)
             numbers = headlines_of(scene, shown)
-            parts += [page.bullets([page.joined(page.bold(one.number), one.meaning) for one in numbers])]
+            parts += [page.bullets([page.joined(page.bold(one.number), one.meaning) for one in numbers]),
+                      page.paragraph(illustration_in_words(scene))]
         if (self.folder / "images").is_dir():
             image = self.picture()
             image.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH))

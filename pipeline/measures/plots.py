@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.files import replacing_folder
-from pipeline.base.palette import curve_style
+from pipeline.base.palette import AQUEOUS, OIL, curve_style
 from pipeline.base.tables import TIME
 from pipeline.base.words import no_formula
 from pipeline.measures.events import Event
 from pipeline.measures.shown import Shown
-from pipeline.pictures.paint import BARE, COVERED
 from pipeline.pictures.picture_grid import as_png, panels
 
 OVERVIEW = "overview"
@@ -19,8 +18,7 @@ SMALLEST_SPAN = 0.02  # of an axis, over the largest number: what is less looks 
 DPI = 120
 INK = "#5c6670"
 # Color and hatch of yes, perhaps and no: those of the maps.
-BARS = {1.0: ("#{:02x}{:02x}{:02x}".format(*COVERED), ""), 0.5: ("#ffffff", "//////"),
-        0.0: ("#{:02x}{:02x}{:02x}".format(*BARE), "")}
+BARS = {1.0: (OIL, ""), 0.5: ("#ffffff", "//////"), 0.0: (AQUEOUS, "")}
 
 
 def drawn_metrics(shown: Sequence[Shown]) -> list[Shown]:

@@ -9,6 +9,7 @@ from pipeline.base import page
 from pipeline.base.files import write_text
 from pipeline.measures.place_course import EXPLAINED, HEADS, IN_A_LAPSE, Course
 from pipeline.measures.shown import Curve, Shown
+from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.model import Scene
 
 
@@ -23,9 +24,10 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
     courses : of the breaks of the scene.
     rest : whether it is at rest at its end, in words.
     """
-    title = scene.title or scene.name
+    title, illustrated = scene.title or scene.name, illustration_in_words(scene)
     write_text(path, page.page(f"{title}: metrics", [
         page.paragraph(scene.description),
+        page.paragraph(page.bold(scene.label), f"{illustrated}.") if illustrated else "",
         page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
                        f"{1e3 * scene.numerics.particle_spacing:g} mm."),
         page.paragraph(f"{rest[:1].upper()}{rest[1:]}." if rest else ""),

@@ -9,6 +9,7 @@ from pipeline.pages.scrubber import data_url, webp
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
 from pipeline.pictures.moments import evenly_chosen
+from pipeline.pictures.paint import paint_of
 from pipeline.scenes.retina import globe_radius
 
 MOMENTS = 6
@@ -23,7 +24,7 @@ def fundus_strip(run: Run) -> Iterator[tuple[str, str]]:
         if maps is None:
             points = np.asarray(wall.points, float)
             maps = FundusMap(points, (OVERSAMPLING * SIZE, OVERSAMPLING * SIZE),
-                             right_eye=scene.eye.side == "right", captions=False,
+                             right_eye=scene.eye.side == "right", captions=False, paint=paint_of(scene),
                              outlines={name: one.outline() for name, one in
                                        scene.patches(globe_radius(points))["breaks"].items()})
         drawn: Image.Image = maps.draw(wall, uncertain=0.5 * scene.numerics.particle_spacing)

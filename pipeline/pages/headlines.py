@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.measures.metric import LAST
 from pipeline.measures.shown import Curve, Shown
+from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.model import Scene
 from sim.liquid import GAS_DENSITY
 
@@ -27,7 +28,9 @@ class Headline:
 
 
 def headlines_of(scene: Scene, shown: Sequence[Shown]) -> list[Headline]:
-    """Return the first numbers of a run of a scene, at its end."""
+    """Return the first numbers of a run of a scene, at its end; none where they would only illustrate."""
+    if illustration_in_words(scene):
+        return []
     found = headlines(shown, of_eye=scene.container is None)
     found = [dataclasses.replace(one, meaning=f"{one.meaning}{what_of_it(shown)}")
              if one.meaning == OF_EYE[0][2] else one for one in found]

@@ -29,7 +29,7 @@ from pipeline.pages.turning_view import turning_view
 from pipeline.pictures.marks import clock
 from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of
-from pipeline.scenes.effects import knows_films
+from pipeline.scenes.effects import illustration_in_words, knows_films
 from sim.effects import REGISTRY
 
 MOST_BYTES = 10 * 10**6  # of the whole page: it is sent by mail
@@ -79,18 +79,20 @@ def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequenc
 
 
 def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Markup:
-    found = headlines_of(run.scene, shown)
+    found, illustrated = headlines_of(run.scene, shown), illustration_in_words(run.scene)
     items = Markup("\n").join(Markup("<li><b>{}</b>{}</li>").format(one.number, one.meaning) for one in found)
     said = [f"At the end ({clock(run.table[TIME][-1], run.scene.output.second_means)}), at accuracy "
             f"{run.scene.accuracy}: {1e3 * run.scene.numerics.particle_spacing:g} mm between particles."]
     if any(one.sure for one in found):
         said.append("± is half of what lies within one particle spacing of the contact line: how well the shape can be "
                     "read, not how far it is from the exact one.")
+    elif illustrated:
+        said.append(f"{illustrated}; they are in the tables below.")
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
     said += [f"At this level the covered retina at rest is {one['words']} ({one['source']})."
-             for one in run.predicted["errors"] if one.get("unit") == UNIT]
-    rest = rest_in_words(run.table, events)
+             for one in run.predicted["errors"] if one.get("unit") == UNIT and not illustrated]
+    rest = "" if illustrated else rest_in_words(run.table, events)
     breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
     return Markup('<ul class="numbers">{}</ul>{}{}').format(
         items, breaks, page.paragraph(*said, f"{rest[:1].upper()}{rest[1:]}." if rest else "",
@@ -156,7 +158,7 @@ def _fundus(run: Run) -> Markup:
     words = page.paragraph(
         f"The {run.scene.eye.side} eye, as its examiner sees it: macula in the middle, circles at the equator, the ora "
         "serrata and the front of the pars plana. Colors are those of the pictures above.",
-        "Where stripes are lighter the oil lies on a thin film of aqueous." if knows_films(run.scene) else "")
+        "Where level stripes are pale blue the oil lies on a thin film of aqueous." if knows_films(run.scene) else "")
     return Markup('<h2>Fundus over time</h2><div class="strip">{}</div>{}').format(Markup("\n").join(maps), words)
 
 

@@ -9,10 +9,10 @@ from PIL import ImageColor
 from scipy.spatial import cKDTree
 
 from pipeline.pages.run_folder import Run
-from pipeline.pictures.eye_view import INTERFACE_COLOR, TOUCH_DEPTH, break_lines
+from pipeline.pictures.eye_view import TOUCH_DEPTH, break_lines
 from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.pictures.marks import pretty
-from pipeline.pictures.paint import BARE, COVERED, FILM, colors_of, film_distance, over_film, wall_fractions
+from pipeline.pictures.paint import css, film_distance, paint_of, wall_fractions
 from pipeline.scenes.effects import droplets_of
 from pipeline.scenes.retina import Patch, globe_radius
 
@@ -40,7 +40,7 @@ def turning_view(run: Run) -> dict[str, Any]:
     def packed(surface, covered, bare, distance=None) -> dict[str, str]:
         return _packed(surface, center, half, covered, bare, distance)
 
-    meshes = []
+    meshes, paint = [], paint_of(run.scene)
     for liquid in shown_liquids(run.scene):
         surface = run.last_surface(liquid.name)
         color = np.array(ImageColor.getrgb(liquid.color))
@@ -49,27 +49,28 @@ def turning_view(run: Run) -> dict[str, Any]:
             if surface.n_cells:
                 surface = surface.clip_scalar(scalars="depth", value=TOUCH_DEPTH, invert=False)
             if len(shown_liquids(run.scene)) == 1:
-                color, name = np.array(ImageColor.getrgb(INTERFACE_COLOR)), f"interface of {name}"
+                color, name = paint.covered, f"interface of {name}"
         if surface.n_cells:
-            meshes.append({"wall": False, "legend": [(_css(color), name)], **packed(surface, color, color)})
+            meshes.append({"wall": False, "legend": [(css(color), name)], **packed(surface, color, color)})
     if of_eye:
-        covered, bare = (colors_of(wall_fractions(wall, side)) for side in (True, False))
+        covered, bare = (paint.of(wall_fractions(wall, side)) for side in (True, False))
         oil, line = pretty(shown_liquids(run.scene)[0].name), film_distance(wall)
-        legend = [(_css(COVERED), f"wall under {oil}"), (_css(BARE), "wall without")]
+        legend = [(css(paint.covered), f"wall under {oil}"), (css(paint.bare), f"wall without {oil}")]
         if line is not None:
-            covered = np.where(line[:, None] > 0.0, over_film(covered), covered)
-            legend[:1] = [(_css(COVERED), f"wall that {oil} touches"), (_css(FILM), "wall under it, on a thin film")]
+            covered = np.where(line[:, None] > 0.0, paint.film, covered)
+            legend[:1] = [(css(paint.covered), f"wall that {oil} touches"),
+                          (css(paint.film), "wall under it, on a thin film")]
         meshes.append({"wall": True, "legend": legend,
                        **packed(wall, covered, bare, np.asarray(wall.point_data["contact_distance"]))})
         patches = run.scene.patches(globe_radius(np.asarray(wall.points)))["breaks"]
         if patches:
             color = np.array(BREAK_COLOR)
             breaks = "break of the retina" if len(patches) == 1 else "breaks of the retina"
-            meshes.append({"wall": True, "legend": [(_css(color), breaks)],
+            meshes.append({"wall": True, "legend": [(css(color), breaks)],
                            **packed(break_bands(wall, patches.values()), color, color)})
     else:
         color = np.array(ImageColor.getrgb(BOX_COLOR))
-        meshes.append({"wall": True, "legend": [(_css(color), "wall")], **packed(wall, color, color)})
+        meshes.append({"wall": True, "legend": [(css(color), "wall")], **packed(wall, color, color)})
     views, view, axes = (EYE_VIEWS, EYE_VIEW, EYE_AXES) if of_eye else (BOX_VIEWS, BOX_VIEW, BOX_AXES)
     reach = {name: float(((wall.points - center) @ np.array(direction)).max() / half) + 0.12
              for name, direction in axes.items()}
@@ -144,7 +145,3 @@ def _packed(surface, center: np.ndarray, half: float, covered: np.ndarray, bare:
 
 def _base64(array: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
-
-
-def _css(color) -> str:
-    return "#" + "".join(f"{int(part):02x}" for part in color)

@@ -11,10 +11,10 @@ import numpy as np
 from pipeline.cavity.rays import interpolation
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_RADIUS, EQUATOR, disc_direction
-from pipeline.pictures.paint import colors_of, film_distance, over_film, wall_fractions
+from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
 from pipeline.scenes.retina import ORA, Patch, globe_radius
 
-SHELL_COLOR, INTERFACE_COLOR, LANDMARK_COLOR, EDGE_COLOR = "#dfe5ec", "#8fd0ea", "#ffffff", "#19202b"
+SHELL_COLOR, EDGE_COLOR = "#d3d7dd", "#19202b"
 NERVE_COLOR = "#e8cfae"
 SHELL_START, SHELL_END = 0.15e-3, 0.9e-3        # m outside the wall
 NERVE_RADIUS, NERVE_LENGTH = 1.5e-3, 4.0e-3     # m, drawn
@@ -34,19 +34,21 @@ class EyeView:
     size : width and height in pixels of the large canvas; the halves stand above one another.
     right_eye : whether the optic disc is on the patient's left of the macula.
     breaks : of the retina, whose outlines are drawn.
+    paint : colors of what touches the wall.
     """
 
-    def __init__(self, eye, size: tuple[int, int], *, right_eye: bool = True, breaks: Sequence[Patch] = ()):
+    def __init__(self, eye, size: tuple[int, int], *, right_eye: bool = True, breaks: Sequence[Patch] = (),
+                 paint: Paint = OF_OIL):
         import pyvista
 
-        self.size = size
+        self.size, self.paint = size, paint
         self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), shape=(len(HALVES), 1), border=False,
                                        lighting="light kit")
         self.plotter.set_background("white", all_renderers=True)
         self.plotter.disable_anti_aliasing()    # the large canvas is averaged; samples would double the time
         self._changing: list = []
         center = np.array(eye.center)
-        landmarks: list[tuple[Any, Any, float]] = [(line, LANDMARK_COLOR, size[1] / 350)
+        landmarks: list[tuple[Any, Any, float]] = [(line, EDGE_COLOR, size[1] / 600)
                                                    for line in landmark_lines(eye, right_eye)]
         landmarks += [(line, BREAK_COLOR, size[1] / 180) for line in break_lines(eye, breaks)]
         for row, (half, side) in enumerate(HALVES.items()):
@@ -76,12 +78,12 @@ class EyeView:
             self.plotter.renderers[row].remove_actor(actor, render=False)
         self._changing = []
         covered, bare = wall.clip_scalar(scalars="contact_distance", invert=False, value=0.0, both=True)
-        painted = [(bare, colors_of(wall_fractions(bare, False)))]
+        painted = [(bare, self.paint.of(wall_fractions(bare, False)))]
         film, touched = covered.clip_scalar(scalars="film_distance", invert=False, value=0.0, both=True) \
             if covered.n_cells and film_distance(wall) is not None else (None, covered)
-        painted.append((touched, colors_of(wall_fractions(touched, True))))
+        painted.append((touched, self.paint.of(wall_fractions(touched, True))))
         if film is not None:
-            painted.append((film, over_film(colors_of(wall_fractions(film, True)))))
+            painted.append((film, np.tile(self.paint.film, (film.n_points, 1))))
         edge = wall.contour([0.0], scalars="contact_distance") if covered.n_cells and bare.n_cells else None
         interfaces = [(interface, color) for surface, color in surfaces if surface.n_cells
                       for interface in [free_part(surface)] if interface.n_cells]
@@ -92,10 +94,10 @@ class EyeView:
                     part.point_data["color"] = colors
                     self._add(row, side, part, scalars="color", rgb=True, ambient=0.65, diffuse=0.4)
             for interface, color in interfaces:
-                self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.5, diffuse=0.5,
+                self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.45, diffuse=0.55,
                           specular=0.25, specular_power=20.0)
             if edge is not None and edge.n_cells:
-                self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 270)))
+                self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 250)))
         self.plotter.render()
         return self.plotter.screenshot(None, return_img=True)[..., :3]
 

@@ -15,7 +15,7 @@ from skimage.measure import find_contours
 
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
-from pipeline.pictures.paint import BARE, COVERED, FILM, colors_of, film_distance, over_film, wall_fractions
+from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
 from pipeline.scenes.retina import DISC_RISE, FRONT, ORA, globe_radius
 
 EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
@@ -23,7 +23,7 @@ EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
 STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the stripes on films
-LINE, BREAK_COLOR = (255, 255, 255), (214, 39, 40)
+BREAK_COLOR, HALO = (214, 39, 40), (255, 255, 255)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,11 +63,12 @@ class FundusMap:
     size : width and height in pixels of the large canvas.
     right_eye : whether temporal is the patient's right, the left of the map.
     outlines : name -> directions (k, 3) from the center of the globe, around a break of the retina.
+    paint : colors of what touches the wall.
     """
 
     def __init__(self, vertices: np.ndarray, size: tuple[int, int], *, right_eye: bool = True, captions: bool = True,
-                 outlines: Mapping[str, np.ndarray] | None = None):
-        self._outlines = outlines or {}
+                 outlines: Mapping[str, np.ndarray] | None = None, paint: Paint = OF_OIL):
+        self._outlines, self.paint = outlines or {}, paint
         self.size, self.unit, self.right_eye, self.captions = size, size[1] / 100.0, right_eye, captions
         margin = (5.5 if captions else 2.0) * self.unit
         self.center = np.array([0.5 * size[0], 0.5 * size[1]])
@@ -106,28 +107,28 @@ class FundusMap:
         """
         distance = self._at_pixels(wall.point_data["contact_distance"])
         covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
-        colors = colors_of(np.where(distance > 0.0, covered, bare))
+        colors = self.paint.of(np.where(distance > 0.0, covered, bare))
         line = film_distance(wall)
         film = np.zeros(len(distance), bool) if line is None else (self._at_pixels(line) > 0.0) & (distance > 0.0)
-        colors[film & ~self._stripes] = over_film(colors[film & ~self._stripes])
+        colors[film & ~self._stripes] = self.paint.film
         reach = self._at_pixels(uncertain) if isinstance(uncertain, np.ndarray) else uncertain
         doubtful = (np.abs(distance) < reach) & self._hatch
-        colors[doubtful] = np.where(distance[doubtful, None] > 0.0, BARE, COVERED)
+        colors[doubtful] = np.where(distance[doubtful, None] > 0.0, self.paint.bare, self.paint.covered)
         pixels = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
         beyond = ~self._retina
-        colors[beyond] = (0.55 * colors[beyond] + 0.45 * 255).astype(np.uint8)
+        colors[beyond] = (0.75 * colors[beyond] + 0.25 * 255).astype(np.uint8)
         pixels[self.inside] = colors
         image = Image.fromarray(pixels)
         pen = ImageDraw.Draw(image)
         whole = np.full(self.inside.shape, np.nan, np.float32)
         whole[self.inside] = distance
         for line in find_contours(whole, 0.0):
-            pen.line([(float(x), float(y)) for y, x in line], fill=INK, width=max(2, round(0.55 * self.unit)),
+            pen.line([(float(x), float(y)) for y, x in line], fill=INK, width=max(2, round(0.75 * self.unit)),
                      joint="curve")
         self._chart(pen)
         for name, outline in self._outlines.items():
             places = [tuple(map(float, self.place(point))) for point in outline]
-            for color, width in ((LINE, 1.3), (BREAK_COLOR, 0.8)):
+            for color, width in ((HALO, 1.3), (BREAK_COLOR, 0.8)):
                 pen.line([*places, places[1]], fill=color, width=max(2, round(width * self.unit)), joint="curve")
             if self.captions and name:
                 above = (np.mean(places, axis=0)[0], np.min(places, axis=0)[1] - 1.8 * self.unit)
@@ -143,14 +144,15 @@ class FundusMap:
         """How an uncertain edge looks, for a legend of a width and a height in pixels."""
         rows, columns = np.mgrid[:size[1], :size[0]]
         stripe, middle = ((rows + columns) / (HATCH * self.unit)) % 2 < 1, 0.5 * size[0]
-        colors = np.where((stripe ^ (columns < middle))[..., None], COVERED, BARE)
+        colors = np.where((stripe ^ (columns < middle))[..., None], self.paint.covered, self.paint.bare)
         colors[np.abs(columns - middle) < 0.25 * self.unit] = INK
         return Image.fromarray(colors.astype(np.uint8))
 
     def film_sample(self, size: tuple[int, int]) -> Image.Image:
         """How a film looks, for a legend of a width and a height in pixels."""
         rows = np.mgrid[:size[1], :size[0]][0]
-        return Image.fromarray(np.where(self._film_stripes(rows)[..., None], COVERED, FILM).astype(np.uint8))
+        stripes = self._film_stripes(rows)[..., None]
+        return Image.fromarray(np.where(stripes, self.paint.covered, self.paint.film).astype(np.uint8))
 
     def _film_stripes(self, rows: np.ndarray) -> np.ndarray:
         """Which of some pixels have the color of what oil touches, also where it lies on a film: level stripes."""
@@ -188,11 +190,11 @@ class FundusMap:
                 write(pen, self.center + (self.scale * PARS_PLANA + 2.4 * u) * direction, str(hour or 12), 2.6 * u,
                       color=FAINT_INK, anchor="mm")
         self._circle(pen, PARS_PLANA, FAINT_INK, thin)
-        self._circle(pen, ORA, INK, 0.45 * u)
-        for angle, center in ((EQUATOR, (0.0, 0.0)), (np.degrees(MACULA_RADIUS / self.globe), (0.0, 0.0)),
+        # Landmarks are thin lines, the edge of the oil is a thick one.
+        for angle, center in ((ORA, (0.0, 0.0)), (EQUATOR, (0.0, 0.0)),
+                              (np.degrees(MACULA_RADIUS / self.globe), (0.0, 0.0)),
                               (np.degrees(DISC_RADIUS / self.globe), self._disc)):
-            self._circle(pen, angle, INK, 3.4 * thin, center)
-            self._circle(pen, angle - 0.9 * thin / self.scale, LINE, 1.6 * thin, center)
+            self._circle(pen, angle, INK, 0.32 * u, center)
 
     @property
     def _disc(self) -> np.ndarray:
@@ -214,5 +216,5 @@ class FundusMap:
                           color=INK if bold else FAINT_INK, anchor=f"{anchor}m")
         for name, place in (("disc", self._disc + np.array([0.0, -9.0])), ("macula", np.array([0.0, -20.0])),
                             ("equator", (EQUATOR - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)])),
-                            ("ora", (ORA - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)]))):
+                            ("ora serrata", (ORA - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)]))):
             write(pen, self.center + self.scale * place * [1.0, -1.0], name, 2.2 * u, anchor="mm", outline=True)

@@ -84,17 +84,19 @@ def diamond(draw: ImageDraw.ImageDraw, center, half: float, color) -> None:
                  width=max(1, round(0.2 * half)))
 
 
-def gravity_mark(draw: ImageDraw.ImageDraw, center, half: float, right: float, up: float, toward: float) -> None:
+def gravity_mark(draw: ImageDraw.ImageDraw, center, half: float, right: float, up: float, toward: float) -> str:
     """Gravity around a center, in units of its strength: an arrow in the plane, else a mark toward the reader or away.
 
-    ``right``, ``up`` and ``toward`` are the components of a unit vector.
+    ``right``, ``up`` and ``toward`` are the components of a unit vector. Returned are words that say what the mark
+    means; none are needed for an arrow.
     """
     center = np.asarray(center, float)
     if math.hypot(right, up) > 0.3:
         way = half * np.array([right, -up])
         arrow(draw, center - way, center + way, 0.22 * half)
-    else:
-        away_mark(draw, center, 0.6 * half, 0.14 * half, toward=toward > 0)
+        return ""
+    away_mark(draw, center, 0.6 * half, 0.14 * half, toward=toward > 0)
+    return "toward you" if toward > 0 else "away from you"
 
 
 def away_mark(draw: ImageDraw.ImageDraw, center, radius: float, width: float, toward: bool, color=INK) -> None:

@@ -1,227 +1,177 @@
-"""Left panel: the section through the optic axis, drawn from the fields of the reconstruct stage without OpenGL.
+"""The section through the optic axis, and across it a smaller one through the equator of the globe.
 
-Seen from the patient's left: superior is up, anterior is left. Inside the cavity the colors are the volume fraction and
-nothing else; what lies around it (wall, lens, cornea, iris) is a scheme for orientation.
+The larger is seen from the patient's left: superior is up, anterior is left. The smaller, coronal one is seen from the
+front, as the map of the fundus: the patient's left is on the right. It shows what lies beside the plane of the larger.
 """
-import dataclasses
+import textwrap
 
 import numpy as np
-from matplotlib import colormaps
 from PIL import Image, ImageDraw
-from skimage.measure import find_contours
 
+from pipeline.pictures.anterior_segment import ANGLE, COATS, AnteriorSegment
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, gravity_mark, write
-from pipeline.pictures.paint import colors_of
-from pipeline.scenes.eye_shape import CORNEA_TO_GLOBE, shape_of
-from pipeline.scenes.model import Eye as SceneEye
+from pipeline.pictures.paint import OF_OIL, Paint
+from pipeline.pictures.slice_panel import SCLERA, SCLERA_END, Fields, SlicePanel
+from pipeline.scenes.retina import ORA
 
-# Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen.
-DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
-DROPLET_RANGE = (1e-8, 1e-3)
-DROPLET_TICKS = ("0.01", "0.1", "1", "10", "100", "1000")       # parts per million
-PAPER = (255, 255, 255)
-WALL = (214, 190, 184)
-LENS = (233, 238, 243)
-CHAMBER = (243, 248, 252)
-IRIS = (140, 104, 80)
-CILIARY = (191, 152, 130)
-CORNEA = (198, 211, 222)
-WALL_THICKNESS = 0.7e-3         # drawn, m
+LENS, CAPSULE = (178, 187, 200), (104, 112, 126)
+CHAMBER, CORNEA, IRIS, CILIARY, ZONULE = (238, 244, 249), (203, 216, 227), (122, 86, 62), (141, 90, 69), (128, 136, 148)
+IMPLANT = (206, 214, 224)
 SCALE_BAR = 5e-3
-# Anterior segment, Gullstrand's eye (scheme only, in front of the cavity): m.
-CORNEA_RADIUS, CORNEA_THICKNESS = 7.8e-3, 0.55e-3
-LENS_FRONT_RADIUS, LENS_BACK_RADIUS, LENS_THICKNESS = 10e-3, 6e-3, 3.6e-3
-LENS_EDGE, CILIARY_GAP, MEMBRANE = 4.5e-3, 0.8e-3, 0.25e-3     # zonular fibers span the gap
-ANGLE_RADIUS, ANGLE_SLOPE = 6.0e-3, 0.35        # where the iris meets the wall, and how the wall narrows from there
-PUPIL_RADIUS, IRIS_THICKNESS = 2.0e-3, 0.4e-3
+CORONAL = 0.28                  # size of the coronal section, of the height of the panel
+POSTURES = {"upright": (0, -1, 0), "supine": (0, 0, -1), "prone": (0, 0, 1), "lying on the left side": (1, 0, 0),
+            "lying on the right side": (-1, 0, 0), "head down": (0, 1, 0)}
 
 
-@dataclasses.dataclass(frozen=True)
-class Eye:
-    """What the scheme around the cavity needs.
-
-    Attributes
-    ----------
-    axial_length : m, None for a user's mesh.
-    globe : half axes along y and z, m, of a globe with a buckle or a staphyloma, which its outline does not tell.
-    iris : z of the iris, m, where the liquids fill the anterior chamber too.
-    """
-
-    axial_length: float | None
-    lens: str
-    globe: tuple[float, float] | None = None
-    iris: float | None = None
-
-
-def scheme_of(eye: SceneEye) -> Eye:
-    """Return what the scheme around the cavity of a scene's eye needs."""
-    if eye.model != "parametric":
-        return Eye(None, eye.lens)
-    shape = shape_of(eye)
-    globe = (float(shape.half_axes[1]), float(shape.half_axes[2])) if shape.altered else None
-    return Eye(eye.axial_length, eye.lens, globe, shape.front if eye.anterior_chamber else None)
-
-
-class SectionPanel:
+class SectionPanel(SlicePanel):
     """Draws sections of one scene, always at the same scale and place.
 
     Parameters
     ----------
-    signed_distance : (ny, nz) m, negative inside; ``origin`` (y, z) and ``cell`` in m.
+    fields : of the plane through the optic axis, y along rows and z along columns, for the cavity alone.
+    segment : what lies before the cavity; None for a user's mesh.
     size : width and height of the panel in pixels of the large canvas.
+    coronal : the plane across it, y along rows and x along columns, for the cavity alone; None leaves it out.
     """
 
-    def __init__(self, signed_distance: np.ndarray, origin: np.ndarray, cell: float, eye: Eye, size: tuple[int, int]):
-        self.size, self.unit = size, size[1] / 100.0
-        self.origin, self.cell = np.asarray(origin, float), cell
-        y, z = self._extent(signed_distance, eye)
-        side, above = 5.0 * self.unit, 16.0 * self.unit
-        self.scale = min((size[0] - 2 * side) / np.ptp(z), (size[1] - 2 * above) / np.ptp(y))
-        self.center = np.array([y.mean(), z.mean()])
-        # Places of the rows and columns of pixels, in nodes of the grid.
-        columns, rows = (np.arange(length) + 0.5 for length in size)
-        self._rows = ((self.center[0] - (rows - size[1] / 2) / self.scale) - self.origin[0]) / cell
-        self._columns = ((self.center[1] - (columns - size[0] / 2) / self.scale) - self.origin[1]) / cell
-        distance = self._sample(signed_distance)
-        self.inside = distance < 0.0
-        self.background = self._scheme(distance, signed_distance, eye)
+    def __init__(self, fields: Fields, segment: AnteriorSegment | None, size: tuple[int, int],
+                 coronal: Fields | None = None, paint: Paint = OF_OIL):
+        self.unit, (width, height) = size[1] / 100.0, size
+        y, z = (ends + np.array([-COATS, COATS]) for ends in fields.reach())
+        if segment is not None:
+            z[1] = segment.apex
+        scale = min(0.80 * width / np.ptp(z), 0.70 * height / np.ptp(y))
+        super().__init__(fields, size, center=(y.mean(), z.mean()), scale=scale, mirrored=True, paint=paint,
+                         middle=(2.0 * self.unit + 0.5 * scale * np.ptp(z), 8.0 * self.unit + 0.5 * scale * np.ptp(y)))
+        self.ends, self.segment = (y, z), segment
+        if segment is None:
+            self.paint_wall()
+        else:
+            self._paint_eye(segment)
+        self.coronal = None if coronal is None else CoronalPanel(
+            coronal, round(CORONAL * height), paint, known=segment is not None)
 
-    def pixel(self, y, z):
-        """Place (x, y) on the panel of a point in m."""
-        return (self.size[0] / 2 - (np.asarray(z) - self.center[1]) * self.scale,
-                self.size[1] / 2 - (np.asarray(y) - self.center[0]) * self.scale)
+    def draw(self, fields: Fields, gravity: np.ndarray, coronal: Fields | None = None, marks=()) -> Image.Image:
+        """Panel of one frame.
 
-    def draw(self, fraction: np.ndarray, dominance: list[np.ndarray], gravity: np.ndarray,
-             droplets: np.ndarray | None = None, marks=()) -> Image.Image:
-        """Panel of one frame: ``fraction`` (ny, nz) of what is shown, black lines where a ``dominance`` is zero.
-
-        ``droplets`` (ny, nz) is the share of oil in droplets, which is drawn over the liquid around them; ``marks`` are
-        pairs of a color and a point (3,) in m, shown where it lies in, before or behind the section.
+        ``gravity`` (3,) in m/s2; ``marks`` are pairs of a color and a point (3,) in m, shown where it lies in, before
+        or behind the section.
         """
-        colors = colors_of(self._sample(fraction))
-        if droplets is not None:
-            colors = self._with_droplets(colors, droplets)
-        pixels = np.where(self.inside[..., None], colors, self.background)
-        image = Image.fromarray(pixels)
-        lines = Image.new("L", self.size, 0)
-        pen = ImageDraw.Draw(lines)
-        for level in dominance:
-            for line in find_contours(level, 0.0):
-                x, y = self.pixel(*(line * self.cell + self.origin).T)
-                pen.line(list(zip(x.tolist(), y.tolist(), strict=True)), fill=255,
-                         width=max(2, round(0.55 * self.unit)), joint="curve")
-        image.paste((0, 0, 0), mask=Image.fromarray(np.where(self.inside, np.asarray(lines), 0).astype(np.uint8)))
+        image = self.draw_liquids(fields)
         pen = ImageDraw.Draw(image)
-        self._marks(pen, gravity)
+        self._captions(pen)
+        self._gravity(pen, gravity)
         for color, (_, y, z) in marks:
             diamond(pen, self.pixel(y, z), 1.5 * self.unit, color)
+        if coronal is not None and self.coronal is not None:
+            u, (width, height), small = self.unit, self.size, self.coronal.draw_liquids(coronal)
+            left, top = round(width - small.width - 2.0 * u), round(height - small.height - 5.0 * u)
+            image.paste(small, (left, top), Image.fromarray(self.coronal.opacity))
+            for x, word, anchor in ((left, "R", "lm"), (left + small.width, "L", "rm")):     # of the patient
+                write(pen, (x, top + 0.5 * small.height), word, 2.4 * u, color=FAINT_INK, anchor=anchor)
+            write(pen, (width - 2.0 * u, height - 4.0 * u), "coronal section, from the front", 2.4 * u,
+                  color=FAINT_INK, anchor="ra")
+            for end in self.ends[0]:     # where it cuts this one
+                x, y = self.pixel(end, 0.0)
+                away = -np.sign(end) * u
+                pen.line([x, y + 0.6 * away, x, y + 2.4 * away], fill=FAINT_INK, width=round(0.35 * u))
         return image
 
-    def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
-        low, high = np.log10(DROPLET_RANGE)
-        level = (np.log10(np.maximum(self._sample(droplets), 10.0**low)) - low) / (high - low)
-        paint = DROPLET_COLORS[np.clip(level * 255.0 + 0.5, 0, 255).astype(np.uint8)]
-        opacity = np.clip(5.0 * level, 0.0, 1.0)[..., None]     # fades in over the first decade
-        return (colors * (1.0 - opacity) + paint * opacity).round().astype(np.uint8)
-
-    def _sample(self, values: np.ndarray) -> np.ndarray:
-        """Bilinear values at the pixels; the nearest node beyond the border."""
-        return _between(_between(np.asarray(values, np.float32), self._rows).T, self._columns).T
-
-    def _extent(self, distance: np.ndarray, eye: Eye) -> tuple[np.ndarray, np.ndarray]:
-        rows, columns = np.nonzero(distance < 0.0)
-        y = self.origin[0] + self.cell * np.array([rows.min(), rows.max()])
-        z = self.origin[1] + self.cell * np.array([columns.min(), columns.max()])
-        if eye.axial_length:
-            z[1] = z[0] + eye.axial_length if eye.globe is None else eye.globe[1] + CORNEA_TO_GLOBE
-        return y, z
-
-    def _scheme(self, distance: np.ndarray, field: np.ndarray, eye: Eye) -> np.ndarray:
-        """Colors of everything outside the cavity, (height, width, 3)."""
-        pixels = np.full((*distance.shape, 3), PAPER, np.uint8)
-        if eye.axial_length is None:
-            pixels[distance < WALL_THICKNESS] = WALL
-            self.lens_center = None
-            return pixels
-        y, z = np.meshgrid(self.origin[0] + self._rows * self.cell, self.origin[1] + self._columns * self.cell,
-                           indexing="ij")
-        (_, top), (back, apex) = self._extent(field, eye)
-        if eye.globe is not None:
-            top, back = eye.globe[0], -eye.globe[1]
-        on_axis = np.nonzero(field[round(-self.origin[0] / self.cell)] < 0.0)[0]
-        lens_back = self.origin[1] + self.cell * on_axis.max() if eye.iris is None else eye.iris
-        if eye.lens == "phakic":
-            lens_front = lens_back + LENS_THICKNESS
-            lens = (np.hypot(y, z - (lens_back + LENS_BACK_RADIUS)) < LENS_BACK_RADIUS) & \
-                (np.hypot(y, z - (lens_front - LENS_FRONT_RADIUS)) < LENS_FRONT_RADIUS)
-            iris_back = lens_front - 0.3e-3
+    def _paint_eye(self, eye: AnteriorSegment) -> None:
+        """Paint what is around the cavity, from behind to the front."""
+        y, z = np.meshgrid(self.rows, self.columns, indexing="ij")
+        angle, away = np.arctan2(np.abs(y), z), np.hypot(y, z)
+        outside, inside = away - eye.outside(angle), away - eye.inside(angle)
+        cornea = np.clip((eye.limbus - angle) / np.radians(4.0) + 0.5, 0.0, 1.0)    # it goes over into the sclera
+        behind = angle > np.pi - np.radians(ORA)
+        before = z > min(eye.front, eye.iris_plane) - 0.5e-3
+        shell = self.cover(np.where(before, np.maximum(outside, -inside), outside))
+        self.paint_over(shell, SCLERA)
+        self.paint_over(self.cover(np.maximum(outside, -inside)) * cornea, CORNEA)
+        # A staphyloma reaches beyond the globe behind; in front the coats end at the sclera, and at the iris.
+        there = np.where(z > 0.0, self.cover(outside), 1.0)
+        self.paint_coats(behind, CILIARY, there * self.cover(ANGLE - np.where(z > eye.front, np.abs(y), 1.0)))
+        self.paint_over(self.cover(inside) * before, CHAMBER)
+        if eye.filled:
+            self.paint_over(self.cover(inside) * before, IRIS)
         else:
-            lens = np.zeros_like(self.inside)
-            if eye.lens == "pseudophakic":
-                lens = (np.abs(z - lens_back - 0.5e-3) < 0.35e-3) & (np.abs(y) < 3e-3)
-            lens_front, iris_back = lens_back + 0.5e-3, lens_back + 0.5e-3
+            self._paint_front(eye, y, z, inside, before)
+        rim = np.minimum(outside, np.where(z > 0.0, 1.0, self.distance - SCLERA_END))
+        self.paint_line(rim, max(0.08e-3, 1.2 / self.scale), FAINT_INK)
 
-        def within(margin):
-            return (y / (top + margin)) ** 2 + (z / (-back + margin)) ** 2 < 1.0
+    def _paint_front(self, eye: AnteriorSegment, y: np.ndarray, z: np.ndarray, inside: np.ndarray,
+                     before: np.ndarray) -> None:
+        """Paint ciliary body, fibers, lens and iris."""
+        def both(outline):
+            across, height = outline
+            return [self.pixel(side * across, height) for side in (1.0, -1.0)]
 
-        # Sclera and cornea meet at the limbus, where the globe leaves the sphere of the cornea.
-        outer = np.hypot(y, z - (apex - CORNEA_RADIUS))
-        limbus = z[within(WALL_THICKNESS) & (outer > CORNEA_RADIUS) & (z > 0.0)].max(initial=iris_back)
-        cornea = (z > limbus - CORNEA_THICKNESS) & (outer < CORNEA_RADIUS) & \
-            (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
-        sclera = within(WALL_THICKNESS) & ~within(0.0) & (outer > CORNEA_RADIUS - CORNEA_THICKNESS) & (distance > 0.0)
-        sclera |= within(0.0) & (z > iris_back) & (np.abs(y) > ANGLE_RADIUS - ANGLE_SLOPE * (z - iris_back)) & \
-            (outer > CORNEA_RADIUS - CORNEA_THICKNESS)
-        front = within(0.0) & (distance > 0.0)
-        chamber = (front | (outer < CORNEA_RADIUS - CORNEA_THICKNESS)) & (z > lens_back - 1e-3) & (distance > 0.0)
-        ciliary = front & (z < iris_back) & (np.abs(y) > LENS_EDGE + CILIARY_GAP) & (distance > 0.0)
-        ciliary |= front & (distance < MEMBRANE) & (np.abs(y) > LENS_EDGE)
-        iris = (np.abs(z - iris_back) < IRIS_THICKNESS / 2) & (np.abs(y) > PUPIL_RADIUS) & front
-        ring = (distance < WALL_THICKNESS) & ~within(0.0) & (z < iris_back)
-        if eye.globe is not None:   # what a buckle presses in, and what is left beside a bulge
-            ring |= (distance > 0.0) & within(WALL_THICKNESS) & (z < min(lens_back, iris_back))
-        if eye.iris is not None:
-            iris = (distance > 0.0) & within(0.0) & (outer < CORNEA_RADIUS - CORNEA_THICKNESS)
-        for region, color in ((chamber, CHAMBER), (sclera | ring, WALL), (cornea, CORNEA), (ciliary, CILIARY),
-                              (lens, LENS), (iris, IRIS)):
-            pixels[region] = color
-        edge = lens & ~_eroded(lens, max(1, round(0.2 * self.unit)))
-        pixels[edge] = FAINT_INK
-        # The name of the thin artificial lens stands in front of it.
-        self.lens_center = {"phakic": (0.0, 0.5 * (lens_back + lens_front)), "pseudophakic": (0.0, lens_back + 2.6e-3)
-                            }.get(eye.lens)
-        return pixels
+        thin = max(1.0, 0.09e-3 * self.scale)
+        room = self.cover(inside)
+        beside = before * (np.abs(y) > ANGLE - 0.1e-3) * self.cover(z - eye.root + 0.2e-3)
+        self.paint_over(room * np.maximum(beside, self.areas(both(eye.ciliary_body()))), CILIARY)
+        if eye.lens == "phakic":
+            for fiber in eye.zonules():
+                self.paint_over(0.8 * self.strokes(both(fiber), 0.7 * thin), ZONULE)
+            level = eye.lens_level(y, z)
+            self.paint_over(self.cover(level), LENS)
+            self.paint_line(level + 0.05e-3, 1.3 * thin / self.scale, CAPSULE)
+        elif eye.lens == "pseudophakic":
+            for capsule in eye.bag():
+                self.paint_over(self.strokes(both(capsule), 0.8 * thin), ZONULE)
+            self.paint_over(self.strokes(both(eye.haptic()), 1.6 * thin), CAPSULE)
+            across, height = eye.implant()
+            outline = [self.pixel(across, height)]
+            self.paint_over(self.areas(outline), IMPLANT)
+            self.paint_over(self.strokes([(np.append(x, x[:1]), np.append(y, y[:1])) for x, y in outline], 1.3 * thin),
+                            CAPSULE)
+        # Its root reaches a bit into the wall.
+        self.paint_over(self.areas(both(eye.iris())) * self.cover(inside - 0.25e-3), IRIS)
 
-    def _marks(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
+    def _captions(self, draw: ImageDraw.ImageDraw) -> None:
         u, (width, height) = self.unit, self.size
-        text = 2.6 * u
-        rows, columns = np.nonzero(self.inside)
-        middle, top, bottom = columns.mean(), rows.min() - 4.5 * u, rows.max() + 4.5 * u
-        write(draw, (middle, top), "superior", text, color=FAINT_INK, anchor="ms")
-        write(draw, (middle, bottom), "inferior", text, color=FAINT_INK, anchor="ma")
-        write(draw, (2.0 * u, bottom), "anterior", text, color=FAINT_INK, anchor="la")
-        write(draw, (width - 2.0 * u, bottom), "posterior", text, color=FAINT_INK, anchor="ra")
-        if self.lens_center:
-            x, y = self.pixel(*self.lens_center)
-            write(draw, (x, y), "lens", 0.85 * text, color=FAINT_INK, anchor="mm")
-        length = SCALE_BAR * self.scale
-        left, base = 3.0 * u, height - 4.0 * u
+        text, (low, high) = 2.6 * u, self.ends[0]
+        write(draw, self.pixel(high, 0.0) + np.array([0.0, -2.8 * u]), "superior", text, color=FAINT_INK, anchor="ms")
+        write(draw, self.pixel(low, 0.0) + np.array([0.0, 2.8 * u]), "inferior", text, color=FAINT_INK, anchor="ma")
+        write(draw, (1.0 * u, self.pixel(0.88 * low, 0.0)[1]), "anterior", text, color=FAINT_INK, anchor="lm")
+        write(draw, (width - 1.0 * u, self.pixel(0.55 * low, 0.0)[1]), "posterior", text, color=FAINT_INK, anchor="rm")
+        if self.segment is not None and self.segment.lens != "aphakic":
+            write(draw, self.pixel(0.0, self.segment.lens_middle), "lens", 2.2 * u, color=INK, anchor="mm")
+        length, left, base = SCALE_BAR * self.scale, 3.0 * u, height - 4.0 * u
         draw.rectangle([left, base, left + length, base + 0.9 * u], fill=INK)
         write(draw, (left + length / 2, base - 0.8 * u), "5 mm", text, anchor="md")
-        self._gravity(draw, gravity)
 
     def _gravity(self, draw: ImageDraw.ImageDraw, gravity: np.ndarray) -> None:
         u, (width, _) = self.unit, self.size
-        center = np.array([width - 8.0 * u, 6.5 * u])
-        strength = np.linalg.norm(gravity)
-        caption = "gravity" if strength > 1e-6 else "no gravity"
-        edge = width - 2.0 * u
-        write(draw, (edge, center[1] + 6.2 * u), caption, 2.6 * u, anchor="ra")
-        write(draw, (edge, center[1] + 9.4 * u), posture(gravity), 2.6 * u, bold=True, anchor="ra")
-        if strength < 1e-6:
-            return
-        x, y, z = np.asarray(gravity, float) / strength
-        gravity_mark(draw, center, 5.0 * u, -z, y, x)
+        strength = float(np.linalg.norm(gravity))
+        lines = [("no gravity", False)]
+        if strength > 1e-6:
+            x, y, z = np.asarray(gravity, float) / strength
+            word = gravity_mark(draw, np.array([width - 8.0 * u, 6.5 * u]), 5.0 * u, -z, y, x)
+            lines = [("gravity", False), *([(word, False)] if word else []),
+                     *((words, True) for words in textwrap.wrap(posture(gravity), 14))]
+        for row, (line, bold) in enumerate(lines):
+            write(draw, (width - 2.0 * u, (12.7 + 3.2 * row) * u), line, 2.6 * u, bold=bold, anchor="ra")
+
+
+class CoronalPanel(SlicePanel):
+    """Draws the plane across the optic axis, in a square of pixels, as who looks at the patient's face sees it.
+
+    ``known`` is whether the wall has the coats of an eye. ``opacity`` (side, side) uint8 is 0 outside the wall.
+    """
+
+    def __init__(self, fields: Fields, side: int, paint: Paint, *, known: bool):
+        y, x = fields.reach()
+        scale = 0.86 * side / (max(np.ptp(y), np.ptp(x)) + 2.0 * SCLERA_END)
+        super().__init__(fields, (side, side), middle=(0.5 * side, 0.5 * side), center=(y.mean(), x.mean()),
+                         scale=scale, mirrored=False, paint=paint)
+        rim = self.distance - SCLERA_END
+        if known:
+            self.paint_coats()
+            self.paint_line(rim, max(0.08e-3, 1.2 / scale), FAINT_INK)
+        else:
+            self.paint_wall()
+        self.opacity = (255.0 * self.cover(rim - 1.0 / scale)).astype(np.uint8)
 
 
 def posture(gravity: np.ndarray) -> str:
@@ -229,21 +179,5 @@ def posture(gravity: np.ndarray) -> str:
     strength = np.linalg.norm(gravity)
     if strength < 1e-6:
         return ""
-    names = {"upright": (0, -1, 0), "supine": (0, 0, -1), "prone": (0, 0, 1), "lying on the left side": (1, 0, 0),
-             "lying on the right side": (-1, 0, 0), "head down": (0, 1, 0)}
-    best = max(names, key=lambda name: float(np.dot(names[name], gravity)))
-    return best if np.dot(names[best], gravity) / strength > np.cos(np.deg2rad(20.0)) else "between postures"
-
-
-def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Rows (k, m) of ``values`` (n, m) at places (k,) between them, linearly; the first and the last go on."""
-    places = np.clip(places, 0.0, len(values) - 1.0)
-    lower = np.minimum(places.astype(int), len(values) - 2)
-    part = (places - lower).astype(np.float32)[:, None]
-    return (1.0 - part) * values[lower] + part * values[lower + 1]
-
-
-def _eroded(mask: np.ndarray, steps: int) -> np.ndarray:
-    from scipy.ndimage import binary_erosion
-
-    return binary_erosion(mask, iterations=steps)
+    best = max(POSTURES, key=lambda name: float(np.dot(POSTURES[name], gravity)))
+    return best if np.dot(POSTURES[best], gravity) / strength > np.cos(np.deg2rad(20.0)) else "between postures"

@@ -133,7 +133,7 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequenc
         page.table(heads(), rows(found), words=(1,), marked=marked),
         page.paragraph(_below(question, found)),
         page.section("What the oil touches") if maps else "",
-        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, the break "
+        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: ivory is touched, the break "
                        "is red, the edge is uncertain where it is hatched.") if maps else "",
         *(part for png, answer in zip(maps, found, strict=False) for part in (
             page.paragraph(page.bold(_caption(answer, question))), page.picture(png, _caption(answer, question)))),

@@ -251,7 +251,7 @@ def html_of(sequence: Sequence) -> str:
         page.paragraph(page.bold(NO_ADVICE)), page.paragraph(page.bold(first), *others),
         page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),
         page.section("What the oil touches"),
-        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: yellow is touched, breaks are "
+        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: ivory is touched, breaks are "
                        "red, the edge is uncertain where it is hatched."),
         *(part for hold in drawn for part in (page.paragraph(page.bold(hold.words)),
                                               page.picture(charts.png(hold.rest), hold.words))),

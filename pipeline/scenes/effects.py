@@ -59,6 +59,17 @@ def does(scene: Scene, what: str) -> bool:
     return any(what in REGISTRY[name].does for name in scene.effects)
 
 
+def illustration_in_words(scene: Scene) -> str:
+    """Return one sentence where the numbers of a scene only illustrate; empty where they mean what they say.
+
+    In a time-lapse of liquids that mix only the mixing is sped up, not how they settle.
+    """
+    if scene.output.second_means is None or not does(scene, MIXES):
+        return ""
+    return ("Only the mixing is sped up here, after the picture of an emulsion by Song et al.: the numbers of this run "
+            "illustrate that picture, and are no prediction")
+
+
 def places_at_work(scene: Scene, time: float, cavity_volume: float) -> list[tuple[str, tuple[float, ...]]]:
     """Return names and points (m) of what works at a time (s) at a place in the cavity, such as a cannula.
 

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
-from pipeline.pictures.paint import BARE, COVERED
+from pipeline.pictures.paint import OF_OIL
 from pipeline.study_kit.surgeons_words import posture_words
 
 MAPS_HEAD, MAPS_SIDE = 54, 118              # pixels of a picture of maps: above, and at the left
@@ -59,8 +59,8 @@ def section_of_eye(rest: Rest) -> Image.Image:
     pen = ImageDraw.Draw(image)
     wall = (cavity.radius[corners] * weights).sum(axis=1)
     scale = 0.5 * side / SECTION_REACH
-    for distance, color, width in ((wall, tuple(BARE), 0), ((rest.distance[corners] * weights).sum(axis=1),
-                                                            tuple(COVERED), 0), (wall, None, 2 * OVERSAMPLING)):
+    for distance, color, width in ((wall, tuple(OF_OIL.bare), 0), ((rest.distance[corners] * weights).sum(axis=1),
+                                                            tuple(OF_OIL.covered), 0), (wall, None, 2 * OVERSAMPLING)):
         point = cavity.viewpoint + distance[:, None] * ray
         pixels = [(0.5 * side - scale * z, 0.5 * side - scale * y) for _, y, z in point]
         if color is None:

@@ -138,7 +138,7 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
         more=[page.section("Light oil, posture by posture"),
               page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
               page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
-                             "then equator and ora serrata; temporal is on the left. Yellow is touched, blue is not; "
+                             "then equator and ora serrata; temporal is on the left. Ivory is touched, blue is not; "
                              "hatched where it is uncertain."),
               page.section("Beside what was published"), page.bullets(anchors(shares, outcomes))],
         words=("touched", "contact angle", "tension", "at rest", "points", "grid"),

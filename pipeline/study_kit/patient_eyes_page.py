@@ -84,7 +84,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         picture_words="Sections of the eyes and maps of the fundus, posture by posture",
         caption=(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front on the "
                  "left; then maps of the fundus as an observer sees it who faces the patient: macula in the middle, "
-                 "then equator and ora serrata. Yellow is oil, blue is aqueous; hatched where it is uncertain.",),
+                 "then equator and ora serrata. Ivory is oil, blue is aqueous; hatched where it is uncertain.",),
         title=f"What a fill of {eyes.shown:g} % touches, patient {first}",
         heads=("", "mL", *SHOWN_PARTS.values()),
         rows=[(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base import page
-from pipeline.base.palette import COLORS
+from pipeline.base import page, palette
 from pipeline.planning.settings import postures
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.moved_oil_page import oil_words
@@ -105,7 +104,7 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
         "How many times as many droplets with every change, and where they gather in four postures",
         ["Left: how many times as many droplets as by default, with every change; bars, what the contact angle (10 "
          "to 25 degrees) leaves open. Right: sections through the middle of the eye from the patient's left, front on "
-         "the left, superior above; the arrow is down. Oil is yellow, dots are droplets of the whole eye that have "
+         "the left, superior above; the arrow is down. Oil is ivory, dots are droplets of the whole eye that have "
          "risen."],
         "What is changed", ("", "contact line / mm", "times as many droplets",
                             f"weeks to {WASHED_OUT[0]:g} ppm (an assumption)"), rows,
@@ -165,7 +164,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
         grid[1, 0].remove()
         bars.set_subplotspec(grid[0, 0].get_gridspec()[:, 0])
         place, ticks, words = 0.0, [], []
-        for factor, color in zip((OIL, TENSION, MOVEMENT, FILL, POSTURE), COLORS, strict=False):
+        for factor, color in zip((OIL, TENSION, MOVEMENT, FILL, POSTURE), palette.COLORS, strict=False):
             for row in by(shed, factor):
                 value, low, high = (float(row[name]) / float(base[name]) for name in (RATE, "low", "high"))
                 bars.barh(place, value, 0.8, color=color, xerr=[[max(value - min(low, high), 0.0)],
@@ -179,7 +178,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
         bars.set(xlabel="times as many droplets as by default")
         bars.set_title("What sheds droplets", loc="left", fontsize=12)
         for axes, posture in zip(right, gathered, strict=False):
-            for what, style in (("oil", {"facecolor": "#f2c14e"}),
+            for what, style in (("oil", {"facecolor": palette.OIL}),
                                 ("wall", {"facecolor": "none", "edgecolor": "black"})):
                 outline = _points(tables["sections"], posture, "z [mm]", "y [mm]", what)
                 axes.fill(outline[:, 0], outline[:, 1], **style)

@@ -35,7 +35,8 @@ FULL = 0.6                      # share of space filled by particles, from which
 MIXED, NOTHING = -1, -2         # what is around a node, in place of the number of one liquid
 LEAST_ROOM = 0.05               # share of the kernel inside the cavity, below which nothing is divided by it
 SECTION_LEVEL, SECTION_DEPTH = 0.25, 1e-3       # where dominance and distance (m) in the section are cut off
-SECTION_PIXELS = 480            # nodes of the section along its longer side, at least
+SECTION_NODES = {"section": 480, "coronal": 240}    # along the longer side, at least: the coronal one is drawn smaller
+SECTION_NORMAL = {"section": 0, "coronal": 2}      # axis that the plane stands on, through the origin
 
 
 @dataclasses.dataclass
@@ -48,13 +49,18 @@ class LiquidSurface:
 
 @dataclasses.dataclass
 class Section:
-    """Fields on the plane x = 0, nodes (ny, nz): fraction (ny, nz, liquids), dominance alike, distance in m."""
+    """Fields on a plane through the origin, nodes (n, m): fraction (n, m, liquids), dominance alike, distance in m.
+
+    Rows go along the first axis of the plane, columns along the other; ``normal`` is the axis it stands on, ``origin``
+    (2,) its first node in m.
+    """
 
     fraction: np.ndarray
     dominance: np.ndarray
     signed_distance: np.ndarray
     origin: np.ndarray
     cell: float
+    normal: int = 0
 
 
 class Reconstructor:
@@ -86,7 +92,8 @@ class Reconstructor:
             initial.get("wall_position"))
         self.free_surface = free_surface
         self.room = self._room(initial) if free_surface else None
-        self._section = self._section_nodes() if self.grid.dimension == 3 and not free_surface else None
+        self._sections = {name: self._section_nodes(name) for name in SECTION_NORMAL} \
+            if self.grid.dimension == 3 and not free_surface else {}
 
     def _room(self, initial: dict) -> np.ndarray:
         """Share (n,) of the kernel at every near node that lies inside the cavity."""
@@ -97,7 +104,7 @@ class Reconstructor:
         return np.maximum(1.0 - weight.sum(axis=1), LEAST_ROOM)
 
     def surfaces(self, frame: FrameData) -> list[LiquidSurface]:
-        """Closed surface and statistics of every liquid of ``frame``; also prepares :meth:`section`.
+        """Closed surface and statistics of every liquid of ``frame``; also prepares :meth:`sections`.
 
         Raises
         ------
@@ -139,19 +146,21 @@ class Reconstructor:
             }))
         return result
 
-    def section(self) -> Section | None:
-        """Section x = 0 of the frame given to :meth:`surfaces` last, sharp at the interface; ``None`` in a container.
+    def sections(self) -> dict[str, Section]:
+        """Sections of the frame given to :meth:`surfaces` last, sharp at the interface; none in a container.
 
+        ``section`` is the plane x = 0 through the optic axis, ``coronal`` the plane z = 0 through the globe's center.
         Dominance and distance are cut off, and the fraction is 0 well outside the cavity: constants make small files.
         """
-        if self._section is None:
-            return None
-        points, shape, cell = self._section
+        if self._sections:
+            self.field.load(self._frame.position, self._frame.volume, self._frame.volume_fraction, self._frame.phase)
+        return {name: self._section(SECTION_NORMAL[name], *nodes) for name, nodes in self._sections.items()}
+
+    def _section(self, normal: int, points: np.ndarray, shape: tuple[int, ...], cell: float) -> Section:
         wall = self.grid.distance_at(points)
         level = self._levels.at(points, self._offset)
         fraction = np.zeros_like(level)
         band = wall < 2.0 * cell
-        self.field.load(self._frame.position, self._frame.volume, self._frame.volume_fraction, self._frame.phase)
         weight, share = self.field.sample(points[band])
         fraction[band] = sided_fraction(weight, share, level[band].argmax(axis=1))
         void = ~np.isfinite(fraction).all(axis=1)
@@ -161,19 +170,21 @@ class Reconstructor:
         return Section(
             fraction.reshape(*shape, -1).astype(np.float32),
             np.clip(level, -SECTION_LEVEL, SECTION_LEVEL).reshape(*shape, -1).astype(np.float32),
-            np.clip(wall, -SECTION_DEPTH, SECTION_DEPTH).reshape(shape).astype(np.float32), self.grid.origin[1:], cell)
+            np.clip(wall, -SECTION_DEPTH, SECTION_DEPTH).reshape(shape).astype(np.float32),
+            np.delete(self.grid.origin, normal), cell, normal)
 
     def depth_at(self, points: np.ndarray) -> np.ndarray:
         """Distance of points (m, D) to the wall, m, positive inside the cavity."""
         return -self.grid.distance_at(points)
 
-    def _section_nodes(self) -> tuple[np.ndarray, tuple[int, ...], float]:
-        grid = self.grid
-        cell = grid.cell / max(1, int(np.ceil(SECTION_PIXELS * grid.cell / grid.extent[1:].max())))
-        shape = tuple(int(n) for n in np.floor(grid.extent[1:] / cell + 1e-9) + 1)
-        y, z = np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij")
-        points = np.stack([np.full_like(y, -grid.origin[0]), y, z], axis=-1).reshape(-1, 3) + grid.origin
-        return points, shape, cell
+    def _section_nodes(self, name: str) -> tuple[np.ndarray, tuple[int, ...], float]:
+        grid, normal = self.grid, SECTION_NORMAL[name]
+        extent = np.delete(grid.extent, normal)
+        cell = grid.cell / max(1, int(np.ceil(SECTION_NODES[name] * grid.cell / extent.max())))
+        shape = tuple(int(n) for n in np.floor(extent / cell + 1e-9) + 1)
+        first, second = np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij")
+        points = np.insert(np.stack([first, second], axis=-1), normal, -grid.origin[normal], axis=-1)
+        return points.reshape(-1, 3) + grid.origin, shape, cell
 
     def _coefficients(self, frame: FrameData, droplets: list[list[np.ndarray]]) -> np.ndarray:
         """Splines (phases, nx, ny[, nz]) of the smoothed fractions without droplets, extended outward and into voids.

@@ -100,15 +100,14 @@ def lines_of(surface) -> list[np.ndarray]:
 
 
 def write_section(path: Path, section, *, time: float, liquids: Sequence[str]) -> None:
-    """Write a :class:`pipeline.surfaces.liquid_surface.Section` as a VTK image (``.vti``) in the plane x = 0.
+    """Write a :class:`pipeline.surfaces.liquid_surface.Section` as a VTK image (``.vti``) in its plane.
 
     The components of ``fraction`` and ``dominance`` carry the names of the liquids.
     """
     import pyvista
 
-    count_y, count_z = section.signed_distance.shape
-    image = pyvista.ImageData(dimensions=(1, count_y, count_z), spacing=(section.cell,) * 3,
-                              origin=(0.0, *section.origin))
+    image = pyvista.ImageData(dimensions=np.insert(section.signed_distance.shape, section.normal, 1),
+                              spacing=(section.cell,) * 3, origin=np.insert(section.origin, section.normal, 0.0))
     for name in ("fraction", "dominance"):
         values = getattr(section, name)
         image.point_data[name] = values.transpose(1, 0, 2).reshape(-1, values.shape[-1])

@@ -11,6 +11,7 @@ import trimesh
 from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline import export, index_run
+from pipeline.base import palette
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.vtk_files import text_of
@@ -70,7 +71,7 @@ def test_run_plays_with_named_parts_at_every_time(indexed):
     assert pyvista.PVDReader(indexed / "run.pvd").time_values == [0.0, 0.1]
     for time in (0.0, 0.1):
         parts = parts_at(indexed, time)
-        assert set(parts.keys()) == {"particles", "aqueous", OIL, "interface", "wall", "section",
+        assert set(parts.keys()) == {"particles", "aqueous", OIL, "interface", "wall", "section", "coronal",
                                     "places"}
         for name in ("particles", "aqueous", OIL, "section", "interface"):
             assert parts[name].field_data["time"][0] == time, name
@@ -135,9 +136,9 @@ def test_script_for_paraview_is_beside_the_run(indexed, tmp_path):
     done = subprocess.run([*display, pvpython, script, picture], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0 and "Traceback" not in done.stderr and "ERR|" not in done.stderr, done.stderr
     pixels = pyvista.read(picture).point_data.active_scalars[:, :3].astype(int)
-    yellow, blue, red = (np.abs(pixels - color).max(axis=1) < 60 for color in
-                         ([253, 234, 69], [0, 34, 77], [214, 39, 40]))
-    assert min(yellow.mean(), blue.mean()) > 0.05
+    oil, aqueous, red = (np.abs(pixels - color).max(axis=1) < 60 for color in
+                         (palette.rgb(palette.OIL), palette.rgb(palette.AQUEOUS), [214, 39, 40]))
+    assert min(oil.mean(), aqueous.mean()) > 0.05
     assert 2e-4 < red.mean() < 0.01, "edges of the break in one half of the eye"
 
 

@@ -18,12 +18,15 @@ from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
+from pipeline.measures.metric import Metric
+from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines, headlines_of
 from pipeline.pages.movie_copy import movie_within
 from pipeline.pages.run_folder import read_run
 from pipeline.pages.turning_view import break_bands, turning_view
 from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.reconstruct import Wall, write_surfaces
+from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Break
 from pipeline.scenes.retina import Patch
@@ -135,9 +138,6 @@ def test_what_is_missing_is_a_sentence(run_folder, tmp_path):
 
 
 def test_a_scene_without_an_eye_tells_what_changes():
-    from pipeline.measures.metric import Metric
-    from pipeline.measures.shown import shown_metrics
-
     known = [Metric("speed", "mm/s", "", None, place=2), Metric("still", "1", "", None, place=1),
              Metric("rate", "1", "", None, place=3, effect="some"), Metric("steps", "1", "", None)]
     table = {"speed_rms [mm/s]": np.array([0.0, 12.34]), "still [1]": np.ones(2), "rate [1]": np.array([1.0, 2.5]),
@@ -249,11 +249,19 @@ def red_pixels(address):
     return int(((alike < 0.05) & (shade > 80.0)).sum())
 
 
+def test_a_picture_of_an_emulsion_has_no_numbers_in_its_head():
+    """Only mixing is sped up there; in a day of postures the turns are, and numbers mean what they say."""
+    scenes = ROOT / "config" / "scenes"
+    table = {"time [s]": np.array([0.0, 1.0]), "retina_coverage_whole [%]": np.array([40.0, 50.0])}
+    shown = shown_metrics(table, [Metric("retina_coverage", "%", "", None)])
+    for name, illustrates in (("emulsification", True), ("s1_emulsification", True), ("day_of_postures", False),
+                              ("emulsification_contact_line", False), ("tamponade", False)):
+        scene = load_scene(scenes / f"{name}.yaml", "draft")
+        assert bool(illustration_in_words(scene)) == illustrates == (not headlines_of(scene, shown))
+
+
 @pytest.mark.parametrize(("density", "word"), [(970.0, "oil"), (1.2, "gas")])
 def test_headlines_name_what_covers_the_retina(density, word):
-    from pipeline.measures.metric import Metric
-    from pipeline.measures.shown import shown_metrics
-
     scene = load_scene(ROOT / "config" / "scenes" / "still_eye.yaml", "draft")
     oil = dataclasses.replace(scene.liquids[1], density=density)
     scene = dataclasses.replace(scene, liquids=(scene.liquids[0], oil))

@@ -7,11 +7,12 @@ import forked
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 from synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 
 from pipeline import movie, render
-from pipeline.base import cli
+from pipeline.base import cli, palette
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, read_frame, write_frame
 from pipeline.base.vtk_files import write_vtk
@@ -20,19 +21,36 @@ from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
 from pipeline.pictures import opengl
+from pipeline.pictures.anterior_segment import anterior_segment
 from pipeline.pictures.container_view import peel
 from pipeline.pictures.eye_layout import columns_of
-from pipeline.pictures.eye_view import INTERFACE_COLOR, NERVE_COLOR, EyeView
+from pipeline.pictures.eye_view import NERVE_COLOR, EyeView
 from pipeline.pictures.fundus_map import Coverage, FundusMap
-from pipeline.pictures.marks import clock
-from pipeline.pictures.paint import BARE, COLORS, COVERED, FILM
-from pipeline.pictures.section_panel import CHAMBER, CILIARY, CORNEA, IRIS, LENS, WALL, Eye, SectionPanel, posture
+from pipeline.pictures.marks import INK, clock
+from pipeline.pictures.paint import OF_GAS, OF_OIL
+from pipeline.pictures.section_panel import (
+    CAPSULE,
+    CHAMBER,
+    CILIARY,
+    CORNEA,
+    IRIS,
+    LENS,
+    ZONULE,
+    SectionPanel,
+    posture,
+)
+from pipeline.pictures.slice_panel import CHOROID, RETINA, SCLERA, WALL, Fields
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_resolved, load_scene
+from pipeline.scenes.model import Eye
+from pipeline.scenes.yaml_files import read_yaml
 from pipeline.surfaces.liquid_surface import Reconstructor
 from pipeline.surfaces.surface_files import read_retina, read_surface, read_wall, write_wall
 
 SIZE = (640, 360)
+BARE, COVERED, FILM = OF_OIL.bare, OF_OIL.covered, OF_OIL.film
+AXIS = 0.25e-3 * np.arange(-56, 57)
+BALL = Fields(np.hypot(*np.meshgrid(AXIS, AXIS)) - RADIUS, AXIS[[0, 0]], 0.25e-3, np.zeros((113, 113)))
 CONTENTS = {                    # fraction of oil of the particles, and its fraction above and below the middle
     "water": ({"height": 1.0}, (0.0, 0.0)),
     "tamponade": ({"height": 0.0}, (1.0, 0.0)),
@@ -82,11 +100,11 @@ def rgb(text):
 
 def assert_section(pixels, fractions):
     """The halves of the cavity above and below its middle have the colors of their fractions."""
-    height, width = pixels.shape[:2]
-    center = width // 2
-    for row, fraction in zip((0.46, 0.64), fractions, strict=True):
+    height = pixels.shape[0]
+    center = round(0.27 * height)
+    for row, fraction in zip((0.40, 0.58), fractions, strict=True):
         found = pixels[round(row * height), center]
-        shades = [k for k in range(256) if np.abs(COLORS[k].astype(int) - found).max() <= 3]
+        shades = [k for k in range(256) if np.abs(OF_OIL.colors[k].astype(int) - found).max() <= 3]
         assert shades and abs(np.mean(shades) / 255 - fraction) < 0.06
 
 
@@ -96,9 +114,9 @@ def test_sections_need_no_opengl(run_folder, tmp_path, monkeypatch):
     for pixels, (_, fractions) in zip(pictures, CONTENTS.values(), strict=True):
         assert pixels.shape == (SIZE[1], SIZE[0], 3)
         assert_section(pixels[:, :SIZE[0] // 2], fractions)
-    middle = slice(SIZE[0] // 4 - 40, SIZE[0] // 4 + 40)
-    black = [count(pixels[120:240, middle], (0, 0, 0)) for pixels in pictures]
-    assert black[0] == 0 and black[1] > 60 and black[2] > 60    # the interface is drawn where there is one
+    middle = slice(round(0.27 * SIZE[1]) - 40, round(0.27 * SIZE[1]) + 40)
+    ink = [count(pixels[120:220, middle], INK, 50) for pixels in pictures]
+    assert ink[0] == 0 and ink[1] > 30 and ink[2] > 30          # the interface is drawn where there is one
     assert count(pictures[0], (176, 52, 24), 40) > 20           # the scene's label
 
 
@@ -110,15 +128,15 @@ def test_pictures_show_section_opened_eye_and_fundus(run_folder, tmp_path, openg
     section, halves, fundus = (slice(left, right) for left, right in itertools.pairwise(ends))
     assert_section(tamponade[:, section], (1.0, 0.0))
     body = slice(80, 310)
-    assert count(tamponade[body, halves], rgb(INTERFACE_COLOR), 70) > 1500 and \
-        count(water[body, halves], rgb(INTERFACE_COLOR), 40) < 50
+    assert count(tamponade[body, halves], COVERED, 70) > 1500 and \
+        count(water[body, halves], COVERED, 40) < 50
     for pixels, least in ((water, 0), (tamponade, 3000)):
         assert least <= count(pixels[body, fundus], COVERED, 4) <= 4 * least
         assert count(pixels[body, fundus], BARE, 4) > 3000
     half = round(0.5 * (fundus.start + fundus.stop))
     upper, lower = tamponade[110:170, half], tamponade[230:280, half]
     assert count(upper, COVERED, 4) > 40 and count(lower, BARE, 4) > 30
-    for color in (rgb(INTERFACE_COLOR), COVERED):
+    for color in (COVERED, BARE):
         assert count(tamponade[315:], color) > 20       # the legend
 
 
@@ -215,12 +233,43 @@ def test_pictures_of_films_have_a_legend_and_lighter_walls(run_folder, film_fold
     assert (np.abs(hue - FILM / FILM.max()).max(axis=1) < 0.04).sum() > 300
 
 
-@pytest.mark.parametrize("kind", color_vision.KINDS)
-def test_films_are_told_from_what_is_touched(kind):
-    from skimage.color import deltaE_ciede2000
+@pytest.mark.parametrize("kind", [*color_vision.KINDS, "gray"])
+def test_liquids_are_told_apart_and_from_the_tissue_beside_them(kind):
+    """By 20 in CIE Lab, and in gray oil from aqueous by 30, films from both by 12."""
+    from skimage.color import deltaE_cie76
 
-    lab = color_vision.seen(np.array([FILM, COVERED, BARE]) / 255.0, kind)
-    assert min(deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)) > 10.0
+    colors = {"aqueous": BARE, "oil": COVERED, "film": FILM, "gas": OF_GAS.covered, "film of gas": OF_GAS.film,
+              "lens": LENS, "capsule": CAPSULE, "implant": CAPSULE, "retina": RETINA, "ciliary body": CILIARY,
+              "mesh": WALL}
+    lab = dict(zip(colors, color_vision.seen(np.array(list(colors.values())) / 255.0,
+                                             "none" if kind == "gray" else kind), strict=True))
+
+    def apart(one, other):
+        return float(deltaE_cie76(lab[one], lab[other]) if kind != "gray" else abs(lab[one][0] - lab[other][0]))
+
+    assert min(apart(liquid, "aqueous") for liquid in ("oil", "gas")) > (30.0 if kind == "gray" else 50.0)
+    assert min(apart("film", other) for other in ("oil", "aqueous")) > (12.0 if kind == "gray" else 20.0)
+    if kind != "gray":
+        assert apart("film of gas", "gas") > 18.0
+        for tissue in ("lens", "capsule", "retina", "ciliary body", "mesh"):
+            for liquid in ("oil", "aqueous"):
+                assert apart(liquid, tissue) > 20.0, (liquid, tissue)
+        assert apart("gas", "capsule") > 20.0
+
+
+def test_colors_of_mixtures_are_at_equal_steps_and_lighter_with_more_oil():
+    lab = color_vision.seen(OF_OIL.colors[::15] / 255.0, "none")
+    steps = np.linalg.norm(np.diff(lab, axis=0), axis=1)
+    assert np.ptp(steps) < 0.2 * steps.mean() and (np.diff(lab[:, 0]) > 0.0).all()
+    assert (OF_OIL.of(np.array([0.0, 1.0])) == [palette.rgb(palette.AQUEOUS), palette.rgb(palette.OIL)]).all()
+
+
+def test_liquids_have_the_colors_of_pictures_elsewhere_too():
+    """What other programs show of oil, aqueous and gas has the colors that pictures of an eye have."""
+    colors = {name: one["color"] for name, one in read_yaml(ROOT / "config" / "materials.yaml").items()}
+    droplets = {name for name in colors if name.endswith("droplets")}
+    assert {colors[name] for name in colors if "oil" in name and name not in droplets} == {palette.OIL}
+    assert {colors[name] for name in ("aqueous", "s1_water")} == {palette.AQUEOUS} and colors["air"] == palette.GAS
 
 
 def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_opened_eye(run_folder, tmp_path, opengl):
@@ -241,10 +290,10 @@ def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_ope
     write_surfaces(tmp_path / "surfaces", path, frame, Reconstructor(ball(), 2))
     surface = read_surface(tmp_path / "surfaces" / f"{path.stem}_silicone_oil_1000.vtp")
     view = EyeView(pyvista.read(run_folder / "eye.vtp"), (300, 500))
-    picture = view.draw(wall, [(surface, INTERFACE_COLOR)]).astype(int)
+    picture = view.draw(wall, [(surface, palette.OIL)]).astype(int)
     view.close()
-    blue = (picture[..., 2] > picture[..., 0] + 25) & (picture.sum(axis=-1) > 250)      # neither wall nor shell
-    assert blue[:250].sum() == 0 < 300 < blue[250:].sum()
+    oil = (picture[..., 0] > picture[..., 2] + 25) & (picture.sum(axis=-1) > 250)       # neither aqueous nor shell
+    assert oil[:250].sum() == 0 < 300 < oil[250:].sum()
 
 
 @pytest.mark.parametrize("kind", color_vision.KINDS)
@@ -252,11 +301,12 @@ def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, ope
     """In every kind of color vision: what is colored is within 15 of a color of the legend or of the drawn tissue."""
     from skimage.color import deltaE_ciede2000
 
-    marked = np.array([COLORS[0], COLORS[-1], rgb(INTERFACE_COLOR), *render.MARK_COLORS.values()]) / 255.0
+    marked = np.array([BARE, COVERED, *render.MARK_COLORS.values()]) / 255.0
     lab = color_vision.seen(marked, kind)
     assert min(deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)) > 15.0
-    legend = np.vstack([color_vision.seen(COLORS[::8] / 255.0, kind), lab, color_vision.seen(
-        np.array([WALL, IRIS, CILIARY, CORNEA, LENS, CHAMBER, rgb(NERVE_COLOR)]) / 255.0, kind)])
+    tissue = (SCLERA, CHOROID, RETINA, IRIS, CILIARY, CORNEA, LENS, CAPSULE, CHAMBER, ZONULE)
+    legend = np.vstack([color_vision.seen(OF_OIL.colors[::8] / 255.0, kind), lab, color_vision.seen(
+        np.array([FILM, *tissue, rgb(NERVE_COLOR)]) / 255.0, kind)])
     for pixels in draw(run_folder, tmp_path / "images"):
         colors = np.unique(pixels[70:320].reshape(-1, 3), axis=0, return_counts=True)
         chroma = np.hypot(*color_vision.seen(colors[0] / 255.0, "none")[:, 1:].T)
@@ -397,20 +447,17 @@ def test_movie_lasts_as_long_as_its_pictures(tmp_path):
 @pytest.mark.parametrize("gravity", [(0.0, -9.81, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (-9.81, 0.0, 0.0),
                                      (0.0, -7.0, -7.0), (0.0, 9.81, 0.0)])
 @pytest.mark.parametrize("size", [(240, 300), (500, 500), (920, 1000)])
-def test_captions_of_all_postures_are_whole(gravity, size):
-    axis = 1e-3 * np.arange(-14, 15)
-    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"), size)
-    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
+@pytest.mark.parametrize("lens", [Eye(model="mesh", path="eye.stl"), Eye()], ids=["mesh", "phakic"])
+def test_captions_of_all_postures_are_whole(gravity, size, lens):
+    pixels = np.asarray(SectionPanel(BALL, anterior_segment(lens), size, BALL).draw(BALL, np.array(gravity), BALL))
     border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
     assert (border == 255).all()
 
 
 def corner_of_gravity(gravity):
     """Return rows and columns of the ink in the corner of a section where gravity is shown, without the words."""
-    axis, size = 1e-3 * np.arange(-14, 15), 500
-    panel = SectionPanel(np.hypot(*np.meshgrid(axis, axis)) - RADIUS, axis[[0, 0]], 1e-3, Eye(None, "phakic"),
-                         (size, size))
-    pixels = np.asarray(panel.draw(np.zeros((29, 29)), [], np.array(gravity)))
+    size = 500
+    pixels = np.asarray(SectionPanel(BALL, None, (size, size)).draw(BALL, np.array(gravity)))
     return np.nonzero((pixels[:round(0.125 * size), round(0.85 * size):] < 100).all(axis=-1))
 
 
@@ -433,10 +480,10 @@ def test_gravity_across_the_section_is_a_dot_toward_the_reader_and_a_cross_away(
 
 
 def test_color_bar_names_each_liquid_at_the_end_of_its_color(run_folder, tmp_path):
-    """Aqueous, the longer word, stands left of the bar, where its color is dark, and oil on the right."""
-    pixels = draw(run_folder, tmp_path / "images", "--section-only")[0]
+    """Of a mixture: aqueous, the longer word, stands left of the bar, where its color is dark, and oil on the right."""
+    pixels = draw(run_folder, tmp_path / "images", "--section-only")[2]
     row = pixels[round((1.0 - 0.054) * SIZE[1])]  # through the middle of the bar
-    ends = [np.flatnonzero(np.abs(row - color).max(axis=-1) < 12) for color in (COLORS[8], COLORS[-8])]
+    ends = [np.flatnonzero(np.abs(row - color).max(axis=-1) < 12) for color in (OF_OIL.colors[8], OF_OIL.colors[-8])]
     left, right = (int(np.median(end)) for end in ends)
     assert 0.1 * SIZE[0] < right - left < 0.3 * SIZE[0]
     band = pixels[round((1.0 - 0.066) * SIZE[1]):round((1.0 - 0.042) * SIZE[1])]

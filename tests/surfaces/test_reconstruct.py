@@ -1,5 +1,6 @@
 """Surfaces: closed, at the wall without a gap, one interface for both liquids, and the volume of the particles."""
 import dataclasses
+import itertools
 import json
 
 import numpy as np
@@ -18,6 +19,7 @@ from pipeline.scenes.load import load_scene
 from pipeline.surfaces.contour import contour
 from pipeline.surfaces.fraction_field import smoothing_filter
 from pipeline.surfaces.liquid_surface import Reconstructor
+from pipeline.surfaces.surface_files import write_section
 
 pytestmark = pytest.mark.usefixtures("taichi")
 POSITION = lattice()
@@ -229,11 +231,27 @@ def test_same_frame_gives_the_same_bits(reconstructor):
 
 def test_section_is_sharp_where_liquids_do_not_mix(reconstructor):
     reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION)))
-    section = reconstructor.section()
-    inside = section.signed_distance < 0
-    oil = section.fraction[inside][:, 1]
-    assert (np.minimum(oil, 1.0 - oil) < 1e-6).all()
-    np.testing.assert_array_equal(oil > 0.5, section.dominance[inside][:, 1] > 0)
+    for section in reconstructor.sections().values():
+        inside = section.signed_distance < 0
+        oil = section.fraction[inside][:, 1]
+        assert (np.minimum(oil, 1.0 - oil) < 1e-6).all()
+        np.testing.assert_array_equal(oil > 0.5, section.dominance[inside][:, 1] > 0)
+
+
+def test_sections_lie_where_they_say(reconstructor, tmp_path):
+    """Oil on the patient's left, above: the one through the optic axis shows what is above, the coronal one both."""
+    side, up = POSITION[:, 0], POSITION[:, 1]
+    reconstructor.surfaces(frame_of(POSITION, ((side > 0.0) & (up > -2e-3)).astype(float)))
+    for name, section in reconstructor.sections().items():
+        write_section(tmp_path / f"{name}.vti", section, time=0.0, liquids=("aqueous", "oil"))
+        image = pyvista.read(tmp_path / f"{name}.vti")
+        points, inside = np.asarray(image.points), image.point_data["signed_distance"] < -0.9e-3
+        oil = image.point_data["fraction"][:, 1] > 0.5
+        assert np.ptp(points[:, 0 if name == "section" else 2]) == 0.0
+        assert np.hypot(*points[inside][:, [1, 2] if name == "section" else [0, 1]].T).max() < RADIUS
+        right, left = (oil[inside & (sign * points[:, 0] > SPACING) & (points[:, 1] > 0.0)] for sign in (-1.0, 1.0))
+        assert name == "section" or (left.all() and not right.any())
+        assert not oil[inside & (points[:, 1] < -2e-3 - SPACING)].any()
 
 
 @pytest.mark.parametrize("method", ["flying_edges", "marching_cubes"])
@@ -277,11 +295,11 @@ def test_stage_writes_surfaces_sections_and_numbers(tmp_path, monkeypatch, start
         assert pyvista.read(out / f"frame_00000_silicone_oil_1000.{suffix}").n_cells == 0
     empty = pyvista.read(out / "frame_00000_silicone_oil_1000.vtp")
     assert empty.n_cells == 0 and text_of(empty, "liquid") == "silicone_oil_1000"
-    section = pyvista.read(out / "frame_00001_section.vti")
-    for name in ("fraction", "dominance"):
+    for plane, name in itertools.product(("section", "coronal"), ("fraction", "dominance")):
+        section = pyvista.read(out / f"frame_00001_{plane}.vti")
         array = section.GetPointData().GetArray(name)
         assert [array.GetComponentName(k) for k in range(2)] == ["aqueous", "silicone_oil_1000"]
-    assert section.field_data["time"][0] == 0.1
+        assert section.field_data["time"][0] == 0.1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "initial.npz", "scene.json", "surfaces"]
 
 

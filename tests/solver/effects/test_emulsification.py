@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.advice.report import report_of
-from pipeline.pictures.paint import COLORS
-from pipeline.pictures.section_panel import DROPLET_COLORS, Eye, SectionPanel
+from pipeline.pictures.paint import OF_OIL
+from pipeline.pictures.section_panel import SectionPanel
+from pipeline.pictures.slice_panel import DROPLET_COLORS, Fields
 from pipeline.scenes.checks import check
 from pipeline.scenes.load import load_scene
 from sim.effects import contact_line_emulsification as law
@@ -267,14 +268,15 @@ def test_droplets_are_drawn_over_the_liquid_on_their_scale():
     """One decade after the other from 0.01 to 1000 parts per million; what is below stays as it was."""
     axis = np.linspace(-12e-3, 12e-3, 49)
     distance = np.hypot(*np.meshgrid(axis, axis, indexing="ij")) - 11e-3
-    panel = SectionPanel(distance, (axis[0], axis[0]), axis[1] - axis[0], Eye(None, "phakic"), (200, 200))
-    fraction = np.zeros_like(distance)
+    fields = Fields(distance, axis[[0, 0]], axis[1] - axis[0], np.zeros_like(distance))
+    panel = SectionPanel(fields, None, (200, 200))
+    x, y = (round(float(place)) for place in panel.pixel(0.0, 0.0))
 
     def middle(*droplets):
-        picture = panel.draw(fraction, [], np.zeros(3), *(np.full_like(distance, share) for share in droplets))
-        return np.asarray(picture)[100, 100].tolist()
+        here = dataclasses.replace(fields, droplets=np.full_like(distance, *droplets) if droplets else None)
+        return np.asarray(panel.draw(here, np.zeros(3)))[y, x].tolist()
 
-    assert middle() == middle(0.0) == middle(1e-8) == COLORS[0].tolist()
+    assert middle() == middle(0.0) == middle(1e-8) == OF_OIL.colors[0].tolist()
     assert middle(1e-3) == middle(0.5) == DROPLET_COLORS[-1].tolist()
     assert middle(10 ** (-8 + 5 * 100 / 255)) == DROPLET_COLORS[100].tolist()
     assert middle(1e-7) == DROPLET_COLORS[51].tolist() != middle(10**-7.5)
