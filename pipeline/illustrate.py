@@ -22,6 +22,7 @@ from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surfaces
 
+SAMPLES = 2
 DONE_WITH = "drawn_with.json"       # style of the pictures that are there already
 
 
@@ -71,9 +72,9 @@ def main(arguments: list[str] | None = None) -> None:
                         help="frames of the last segment, which decide along which plane the eye is opened "
                              "(default: those that are drawn)")
     parser.add_argument("--depends", default="", help="pictures drawn with another one are drawn again")
-    add_style(parser, "960x540", 2)
+    add_style(parser, "960x540", SAMPLES, "legend")
     options = parser.parse_args(arguments)
-    style = style_of(options)
+    style = style_of(options, SAMPLES)
     scene = load_resolved(options.scene)
     if scene.container is not None or scene.dimension != 3:
         raise UserError(f"{scene.name}: has no eye to illustrate; its movie is movie.mp4")

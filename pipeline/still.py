@@ -18,6 +18,8 @@ from pipeline.illustration.style import Style, add_style, style_of
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surfaces
 
+SAMPLES = 4
+
 
 def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:
     """Name and data of the frame of a folder that is nearest to a time in s; of the last one without."""
@@ -53,9 +55,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
     parser.add_argument("--output", required=True, type=Path, metavar="still.png", help="picture to write")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to it (default: the last)")
-    add_style(parser, "1280x720", 4)
+    add_style(parser, "1280x720", SAMPLES, "names")
     options = parser.parse_args(arguments)
-    style = style_of(options)
+    style = style_of(options, SAMPLES)
     if not options.eye.is_file():
         raise UserError(f"{options.eye}: no such file; run the eye stage first")
 

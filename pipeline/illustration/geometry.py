@@ -14,7 +14,7 @@ FIBERS, FIBER_RADIUS = 150, 0.028       # zonular fibers in the half, from eithe
 NERVE_RADIUS, NERVE_LENGTH = 1.6, 6.0  # mm
 FULL_ANGLE = 180.0          # degrees from the posterior pole at the edge of the fundus texture
 TOUCHING, NEAR_WALL = 0.3, 0.8          # mm: oil nearer to the wall is pushed into it; farther is left alone
-PUSH = 0.65                 # mm, how far
+PUSH, APART = 0.65, 0.06    # mm, how far, or how far the whole oil is drawn in
 PASSES = 8                  # of Taubin's smoothing of the interface
 SMALLEST_BODY = 3.0         # particles: smaller drops of oil are left out
 
@@ -204,10 +204,11 @@ def zonular_fibers(anatomy: Anatomy, opening: Opening) -> Part:
     return part_of("zonule", mesh.compute_normals(cell_normals=False, split_vertices=False))
 
 
-def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float) -> Liquids:
-    """Interface of the oil and the faces of both liquids on the plane of the cut.
+def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: bool = False) -> Liquids:
+    """Interface of the oil and the faces of both liquids on the plane of the cut; or the ``whole`` oil, uncut.
 
     Where oil touches the wall its surface is pushed into the wall, which is opaque: what is left is the interface.
+    The whole oil is drawn in from the wall by ``APART`` instead, that no surface lies on another.
 
     Parameters
     ----------
@@ -217,12 +218,16 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float) -> Liqu
     inside = anatomy.inside(opening.points)
     oil, left_out = _large_bodies(oil, particle) if oil.n_cells else (None, 0)
     if oil is None:
-        return _faces(opening, {"aqueous_face": inside}, [], left_out)
+        return Liquids([], left_out) if whole else _faces(opening, {"aqueous_face": inside}, [], left_out)
     smooth = _mesh(MM * np.asarray(oil.points, float), oil.regular_faces).smooth_taubin(n_iter=PASSES, pass_band=0.08)
     normals = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
     depth = MM * np.asarray(oil.point_data["depth"], float)
     touching = np.clip((NEAR_WALL - depth) / (NEAR_WALL - TOUCHING), 0.0, 1.0)
-    smooth.points = np.asarray(smooth.points) + PUSH * touching[:, None] * np.asarray(normals.point_data["Normals"])
+    push = -APART if whole else PUSH
+    smooth.points = np.asarray(smooth.points) + push * touching[:, None] * np.asarray(normals.point_data["Normals"])
+    if whole:
+        smooth = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
+        return Liquids([part_of("glass", smooth)], left_out, {"oil_face": MM * np.asarray(oil.points).mean(axis=0)})
     of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)

@@ -5,6 +5,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline.base.frame_files import FrameData
+from pipeline.base.palette import rgb
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture, pyvista_picture
 from pipeline.illustration.anatomy import MM, PUPIL, Anatomy
@@ -16,6 +17,7 @@ from pipeline.illustration.style import Style
 from pipeline.illustration.view import view_of
 from pipeline.pictures.fundus_map import disc_direction
 from pipeline.pictures.marks import clock, pretty
+from pipeline.pictures.paint import paint_of
 from pipeline.pictures.section_panel import posture
 from pipeline.scenes.effects import droplets_of
 from pipeline.scenes.eye_shape import shape_of
@@ -72,17 +74,19 @@ class Illustrator:
         oil = pyvista.merge(list(surfaces.values()), merge_points=False) if len(surfaces) > 1 else \
             next(iter(surfaces.values()), pyvista.PolyData())
         view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward)
-        liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3)
+        liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3,
+                             self.look.whole)
         if self._tracer is not None:
             table = min(float((part.points @ view.up).min()) for part in self.parts)
             pixels = mitsuba_picture.developed(self._tracer.trace(liquids.parts, view, table))
         else:
             pixels = pyvista_picture.draw([*self.parts, *liquids.parts], self.look, self.textures, view,
                                           self.style.size)
-        if not self.style.letters:
+        if self.style.letters == "none":
             return Image.fromarray(pixels)
-        scene = self.scene
-        return lettered(pixels, view, self._names(liquids), title=scene.title or scene.name,
+        scene, with_names = self.scene, self.style.letters == "names"
+        return lettered(pixels, view, self._names(liquids) if with_names else [],
+                        legend=[] if with_names else self._legend(liquids), title=scene.title or scene.name,
                         time=clock(frame.time, scene.output.second_means), label=scene.label,
                         posture=posture(frame.gravity), notes=self._notes(liquids))
 
@@ -107,6 +111,14 @@ class Illustrator:
             elif anatomy.shape.artificial_lens:
                 names.append(Name("Artificial lens", np.array([0.0, 0.0, anatomy.front + 0.45])))
         return names
+
+    def _legend(self, liquids: Liquids) -> list[tuple]:
+        """Colors (3,) and names of the liquids that are there, in the colors of all other pictures."""
+        paint = paint_of(self.scene)
+        oil = paint.covered if self.look.oil is None else rgb(self.look.oil)
+        colors = {"oil_face": oil, "aqueous_face": paint.bare}
+        return [(tuple(int(part) for part in colors[face]), _capital(self._liquid_name(face)))
+                for face in colors if face in liquids.places]
 
     def _down(self, way: np.ndarray) -> bool:
         """Whether a direction of the cut points down, or, where it is level, inferior or to the patient's right."""
@@ -139,7 +151,7 @@ class Illustrator:
             "the simulated cavity, with the eye around it and its vessels drawn after textbooks"
         notes.append(f"Shapes of the liquids: simulated. Around them: {around}. "
                      f"Colors chosen; drawn by {'Mitsuba 3' if self.style.renderer == 'mitsuba' else 'VTK'}.")
-        more = []
+        more = ["around the oil is air: as glass, with its index of refraction"] if self.look.whole else []
         if liquids.left_out:
             drops = "one drop" if liquids.left_out == 1 else f"{liquids.left_out} drops"
             more.append(f"{drops} of fewer than three particles not drawn")

@@ -23,12 +23,13 @@ class Name:
     more: str = ""
 
 
-def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, title: str, time: str, label: str,
-             posture: str, notes: Sequence[str]) -> Image.Image:
+def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: Sequence[tuple], title: str,
+             time: str, label: str, posture: str, notes: Sequence[str]) -> Image.Image:
     """An illustration (height, width, 3) with its words.
 
     Parameters
     ----------
+    legend : pairs of a color and a name.
     posture : of the patient; empty without gravity.
     notes : sentences below the picture.
     """
@@ -41,6 +42,10 @@ def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, title: st
     if label:
         write(draw, (size[0] - 2.4 * u, 2.2 * u), label, 2.6 * u, bold=True, color=WARNING_INK, anchor="ra",
               width=0.34 * size[0])
+    for row, (color, text) in enumerate(legend):
+        y = (14.0 + 5.0 * row) * u
+        draw.rectangle([2.4 * u, y - 1.3 * u, 6.0 * u, y + 1.3 * u], fill=color, outline=FAINT_INK)
+        write(draw, (7.2 * u, y), text, 2.6 * u, anchor="lm")
     middle = view.pixel(view.middle, size)[0]
     sides: dict[bool, list] = {True: [], False: []}
     for name in names:

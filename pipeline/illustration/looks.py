@@ -33,11 +33,18 @@ class Look:
     media : of "oil", "aqueous" and "lens".
     skin : of the interface.
     sheen : share of light that the faces of liquids on the cut reflect.
+    whole : whether the oil is a whole body of glass, uncut, in air.
+    noise : how many times as many paths of light it needs. Only where that is 1 the denoiser looks at what is behind
+        the liquids.
+    oil : its color in a legend, where that is not that of other pictures.
     """
 
     media: dict[str, Medium]
     skin: Tissue
-    sheen: float
+    sheen: float = 0.035
+    whole: bool = False
+    noise: int = 1
+    oil: str | None = None
 
 
 TISSUES = {
@@ -58,9 +65,12 @@ LOOKS = {
     "illustration": Look(
         {"oil": Medium(0.05, (1.0, 0.99, 0.94)), "aqueous": Medium(0.34, (0.20, 0.60, 0.97)),
          "lens": Medium(0.16, (0.995, 0.985, 0.95))},
-        Tissue((0.93, 0.87, 0.70), 0.6, 0.28), 0.035),
+        Tissue((0.93, 0.87, 0.70), 0.6, 0.28)),
     "paper": Look(
         {"oil": Medium(0.9, (0.999, 0.999, 0.999)), "aqueous": Medium(0.5, (0.12, 0.45, 0.97)),
          "lens": Medium(0.16, (0.995, 0.985, 0.95))},
-        Tissue((0.92, 0.92, 0.92), 0.4, 0.9), 0.035),
+        Tissue((0.92, 0.92, 0.92), 0.4, 0.9), noise=4, oil="#ffffff"),
+    "glass": Look(
+        {"oil": Medium(0.022, (0.55, 0.42, 0.0)), "lens": Medium(0.16, (0.995, 0.985, 0.95))},
+        Tissue((0.93, 0.87, 0.70), 0.6, 0.28), whole=True, noise=12),
 }

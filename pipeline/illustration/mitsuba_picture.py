@@ -12,7 +12,8 @@ from pipeline.illustration.geometry import Part
 from pipeline.illustration.looks import TISSUES, Look, Tissue
 from pipeline.illustration.view import ANGLE, View
 
-CLEAR = ("oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
+CLEAR = ("glass", "oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
+OIL_INDEX, CORNEA_INDEX = 1.404, 1.376
 DEPTH, GUIDE_PATHS = 32, 4
 CLAMP, CLAMP_AT = 6.0, 99.9     # paths brighter than so many times this percentile of the picture are noise
 SKY_SIZE = (512, 256)
@@ -71,6 +72,8 @@ class Tracer:
         light = self._render("volpath", {"max_depth": DEPTH}, [*self._opaque, *self._clear, *changing], around, sensor,
                              self.samples)[..., :3]
         light = np.ascontiguousarray(np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT)), np.float32)
+        if self._builder.look.noise > 1:
+            return np.asarray(mitsuba_oidn.denoise(light, hdr=True))
         seen = (*view.camera, *view.up, table)
         if self._guides is None or seen != self._seen:
             found = self._render("aov", {"aovs": "albedo:albedo,normal:sh_normal"}, self._opaque, around, sensor,
@@ -128,16 +131,18 @@ class _Builder:
         return mesh
 
     def _sides(self, name: str) -> dict[str, str]:
-        return {"interface": {"interior": "oil", "exterior": "aqueous"}, "oil_face": {"interior": "oil"},
-                "aqueous_face": {"interior": "aqueous"}}.get(name, {})
+        return {"glass": {"interior": "oil"}, "interface": {"interior": "oil", "exterior": "aqueous"},
+                "oil_face": {"interior": "oil"}, "aqueous_face": {"interior": "aqueous"}}.get(name, {})
 
     def _material(self, part: Part) -> dict:
         if part.name in ("oil_face", "aqueous_face"):
             return _veil({"type": "conductor", "material": "none"}, self.look.sheen)
         if part.name == "interface":
             return self._tissue(self.look.skin)
+        if part.name == "glass":
+            return {"type": "dielectric", "int_ior": OIL_INDEX, "ext_ior": 1.0}
         if part.name == "cornea":
-            return {"type": "thindielectric", "int_ior": 1.376, "ext_ior": 1.0}
+            return {"type": "thindielectric", "int_ior": CORNEA_INDEX, "ext_ior": 1.0}
         if part.name in ("wall", "iris") and part.name in self.textures:
             return self._coated(self.textures[part.name], 0.12 if part.name == "wall" else 0.1)
         return self._tissue(TISSUES[part.name])

@@ -10,7 +10,7 @@ from pipeline.illustration.view import ANGLE, View
 
 PEELS = 8
 SAMPLING = 2                    # the picture is drawn so many times as large and averaged
-FACES = {"oil_face": 0.16, "aqueous_face": 0.72, "cornea": 0.12}        # how opaque, where the look does not say it
+FACES = {"oil_face": 0.16, "aqueous_face": 0.72, "cornea": 0.12, "glass": 0.35}        # how opaque
 BACKGROUND = ((0.96, 0.97, 0.98), (0.74, 0.79, 0.86))      # below and above
 # Lamps: direction (right, up, toward the reader) and strength.
 LAMPS = (((-0.55, 0.75, 0.6), 0.75), ((0.9, 0.4, 0.4), 0.35), ((0.05, 0.2, 1.0), 0.5))
@@ -56,6 +56,9 @@ def _add(plotter, part: Part, look: Look, textures: dict[str, np.ndarray]) -> No
         options |= {"color": _encoded(np.array(color)) / 255.0, "opacity": FACES[part.name], "lighting": False}
     elif part.name == "cornea":
         options |= {"color": (0.86, 0.92, 0.96), "opacity": FACES["cornea"], "specular": 0.8, "specular_power": 60}
+    elif part.name == "glass":
+        options |= {"color": _encoded(np.array(look.skin.color)) / 255.0, "opacity": FACES["glass"], "specular": 0.9,
+                    "specular_power": 80}
     else:
         tissue = look.skin if part.name == "interface" else TISSUES[part.name]
         options |= {"color": _encoded(np.array(tissue.color)) / 255.0, "opacity": tissue.opacity,

@@ -8,18 +8,26 @@ from pipeline.illustration import mitsuba_picture
 from pipeline.illustration.looks import LOOKS
 
 RENDERERS = ("mitsuba", "pyvista")
+LETTERS = ("names", "legend", "none")
 
 
 @dataclasses.dataclass(frozen=True)
 class Style:
-    """How an illustration is drawn: its renderer, look, size in pixels, paths of light per pixel, and threads."""
+    """How an illustration is drawn.
+
+    Attributes
+    ----------
+    size : width and height, pixels.
+    samples : paths of light through every pixel, of Mitsuba.
+    letters : "names" with lines to what they name, "legend" of the liquids, which stays where it is, or "none".
+    """
 
     renderer: str
     look: str = "illustration"
     size: tuple[int, int] = (1280, 720)
     samples: int = 4
     threads: int = 1
-    letters: bool = True
+    letters: str = "names"
 
 
 def chosen_renderer(wanted: str | None) -> str:
@@ -44,30 +52,34 @@ def size_of(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def add_style(parser: argparse.ArgumentParser, size: str, samples: int) -> None:
-    """Add the options of a :class:`Style` to a command line."""
+def add_style(parser: argparse.ArgumentParser, size: str, samples: int, letters: str) -> None:
+    """Add the options of a :class:`Style` to a command line, with its defaults."""
     parser.add_argument("--size", type=size_of, default=size_of(size), metavar="WIDTHxHEIGHT",
                         help=f"pixels, 16 to 8192 each (default: {size})")
     parser.add_argument("--look", choices=sorted(LOOKS), default="illustration",
                         help="illustration: ivory oil and blue water, both clear (default); "
-                             "paper: white oil, as Song et al.")
+                             "paper: white oil, as Song et al.; glass: the oil alone, with its index of refraction")
     parser.add_argument("--renderer", choices=RENDERERS,
                         help="default: mitsuba where it is installed, else pyvista")
-    parser.add_argument("--samples", type=int, default=samples, metavar="N",
-                        help=f"paths of light through every pixel, of mitsuba (default: {samples}): more than ten "
-                             "times as many change hardly anything after the denoiser")
-    parser.add_argument("--without-names", action="store_true", help="no words in the picture")
+    parser.add_argument("--samples", type=int, metavar="N",
+                        help=f"paths of light through every pixel, of mitsuba (default: {samples}, as look paper "
+                             f"{LOOKS['paper'].noise * samples}, as glass {LOOKS['glass'].noise * samples})")
+    parser.add_argument("--letters", choices=LETTERS, default=letters,
+                        help=f"names with lines to what they name, a legend of the liquids, or none "
+                             f"(default: {letters})")
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="default: as many as are useful")
 
 
-def style_of(options: argparse.Namespace) -> Style:
-    """Return the style that a command line asks for.
+def style_of(options: argparse.Namespace, samples: int) -> Style:
+    """Return the style that a command line asks for; ``samples`` is the default of the first look.
 
     Raises
     ------
     UserError : there is no such style here.
     """
+    if options.samples is None:
+        options.samples = LOOKS[options.look].noise * samples
     if options.samples < 1:
         raise UserError(f"--samples is {options.samples}, but must be at least 1")
     return Style(chosen_renderer(options.renderer), options.look, options.size, options.samples,
-                 checked_threads(options.threads, "--threads"), not options.without_names)
+                 checked_threads(options.threads, "--threads"), options.letters)

@@ -146,7 +146,7 @@ def drawn(eye):
     found = {}
     for renderer in ("mitsuba", "pyvista"):
         illustrator = Illustrator(scene, surface, frame().gravity,
-                                  Style(renderer, size=SMALL, samples=2, letters=False))
+                                  Style(renderer, size=SMALL, samples=2, letters="none"))
         found[renderer] = [np.asarray(illustrator.picture(frame(), {"silicone_oil_1000": half_full()}))
                            for _ in range(2)]
     return found
