@@ -119,7 +119,7 @@ def test_page_says_first_what_people_ask_for(index):
         "What was simulated", "left out, and why", "laplace: pressure jump", "Versions", "tiny.yaml</summary>",
         "extends: tamponade", "tamponade.yaml</summary>")]
     assert places == sorted(places)
-    assert "0.025 × real time" in text
+    assert "0.05 × real time, 1 picture per second, 5 in all, 5.5 s; the scene saves a frame every 0.05 s." in text
     quote = "At this level the covered retina at rest is within 3 points of the retina (measured on tamponade)."
     assert text.index('class="numbers"') < text.index(quote) < text.index("<video")
 
