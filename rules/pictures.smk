@@ -121,3 +121,27 @@ rule film:
     shell:
         "python -m pipeline.movie {input.images} --scene {input.scene} --output {output.film}"
         " --animation {output.animation} 2>&1 | tee {log}"
+
+
+# On request too; by PyVista, which takes 2 s for a picture where Mitsuba takes 15 of a view that changes.
+rule turntable:
+    input:
+        scene=SCENE,
+        eye="outputs/{scene}/{level}/eye.vtp",
+        frames=lambda w: expand(FRAMES, segment=flow.segments(w.scene, w.level)[-1], allow_missing=True),
+        surfaces=lambda w: expand(
+            "outputs/{scene}/{level}/surfaces/segment_{segment}",
+            segment=flow.segments(w.scene, w.level)[-1],
+            allow_missing=True,
+        ),
+    output:
+        "outputs/{scene}/{level}/turntable.mp4",
+    log:
+        "outputs/{scene}/{level}/logs/turntable.log",
+    params:
+        depends=flow.depends("turntable"),
+    message:
+        "{wildcards.scene} at {wildcards.level}: turn the eye of the last frame"
+    shell:
+        "python -m pipeline.turntable {input.scene} {input.eye} {input.frames} {input.surfaces} --renderer pyvista"
+        " --output {output} 2>&1 | tee {log}"

@@ -67,13 +67,20 @@ class Illustrator:
         self._tracer = mitsuba_picture.Tracer(self.parts, self.look, self.textures, style.size, style.samples,
                                               style.threads) if style.renderer == "mitsuba" else None
 
-    def picture(self, frame: FrameData, surfaces: dict) -> Image.Image:
-        """The illustration of one frame; ``surfaces`` is a dict oil -> closed pyvista.PolyData with ``depth``, m."""
+    def picture(self, frame: FrameData, surfaces: dict, swing: float = 0.0) -> Image.Image:
+        """The illustration of one frame.
+
+        Parameters
+        ----------
+        surfaces : dict oil -> closed pyvista.PolyData with ``depth``, m.
+        swing : how far the camera has gone around, rad.
+        """
         import pyvista
 
         oil = pyvista.merge(list(surfaces.values()), merge_points=False) if len(surfaces) > 1 else \
             next(iter(surfaces.values()), pyvista.PolyData())
-        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward)
+        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward,
+                                   swing=swing)
         liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3,
                              self.look.whole)
         if self._tracer is not None:

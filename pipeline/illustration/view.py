@@ -17,11 +17,13 @@ class View:
     up : (3,) unit vector against gravity.
     toward : (3,) unit vector toward the half that is taken away, along x or y.
     middle : (3,) mm, the point in the middle of the picture.
+    swing : how far the camera has gone around ``up``, counterclockwise from above, rad.
     """
 
     up: np.ndarray
     toward: np.ndarray
     middle: np.ndarray
+    swing: float = 0.0
 
     @property
     def axes(self) -> np.ndarray:
@@ -30,6 +32,8 @@ class View:
         beside = front / max(np.linalg.norm(front), 1e-9)
         back = self.toward + FORWARD * beside + ABOVE * self.up
         back /= np.linalg.norm(back)
+        cos, sin = np.cos(self.swing), np.sin(self.swing)       # Rodrigues' rotation
+        back = cos * back + sin * np.cross(self.up, back) + (1.0 - cos) * (self.up @ back) * self.up
         right = np.cross(self.up, back)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(back, right), back])

@@ -18,6 +18,8 @@ PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoot
            "output.formats", "output.second_means")
 COLORS = ("liquids.color", "liquids.clear", "liquids.source")
 LOOKS = (*COLORS, "eye.side")
+ILLUSTRATED = ("description", "accuracy", "start_from", "initial", "blocks", "schemes", "numerics", *ENDS,
+               *(key for key in PICTURE if key != "output.second_means"), "liquids.source", *PLACES)
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
     "advise": ("description", "label", *PICTURE, *LOOKS, *PLACES),
@@ -36,10 +38,9 @@ UNREAD = {
     "effect_costs": ("description", "label", "start_from", "initial", "blocks", "eye", "container", "schemes",
                      "liquids", "output", *PLACES),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", *ENDS),
-    "still": ("description", "accuracy", "start_from", "initial", "blocks", "schemes", "numerics", *ENDS,
-              *(key for key in PICTURE if key != "output.second_means"), "liquids.source", *PLACES),
-    "illustrate": ("description", "accuracy", "start_from", "initial", "blocks", "schemes", "numerics", *ENDS,
-                   *(key for key in PICTURE if key != "output.second_means"), "liquids.source", *PLACES),
+    "still": ILLUSTRATED,
+    "illustrate": ILLUSTRATED,
+    "turntable": ILLUSTRATED,
     "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
               "liquids", "numerics", "dimension", *ENDS, *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),

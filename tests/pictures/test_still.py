@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline import illustrate, still
+from pipeline import illustrate, still, turntable
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture
@@ -249,3 +249,13 @@ def test_a_film_that_was_stopped_goes_on_after_its_last_picture(tmp_path, monkey
     assert len(drawn) == 3
 
 
+
+
+def test_a_turntable_ends_where_it_begins_and_never_looks_at_the_edge_of_the_cut():
+    swings = turntable.swings(48)
+    assert swings[0] == 0.0 and abs(swings[-1] + swings[1]) < 1e-12
+    for swing in swings:
+        view = view_of(frame().gravity, True, np.zeros(3))
+        turned = type(view)(view.up, view.toward, view.middle, float(swing))
+        assert turned.axes @ turned.axes.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert turned.axes[2] @ view.toward > 0.3 and turned.axes[2] @ view.up == pytest.approx(view.axes[2] @ view.up)
