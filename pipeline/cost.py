@@ -1,11 +1,13 @@
-"""Stage: after a run, what was predicted and what it has cost, side by side.
+"""Stage: after a run, what it has cost, beside what was predicted where somebody asked for an estimate.
 
 The prediction is that of `pipeline.estimate`; what a stage took it has written itself, beside its log. Where the
 computer did other things as well, the clock ran longer: compare the time of all cores then.
 """
 import argparse
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -16,42 +18,55 @@ from pipeline.base.files import size_of, write_text
 from pipeline.base.tables import TIME, read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.base.words import duration, memory
+from pipeline.cavity.initial_state import load_initial
 from pipeline.forecast.estimate_files import read_level
+from pipeline.forecast.expected_error import ExpectedError
+from pipeline.forecast.scene_errors import errors_of
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import load_resolved
+from pipeline.scenes.model import Scene
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
 
 
-def compared(level: dict, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
+def compared(level: dict | None, taken: dict[str, dict[str, float]], table: dict[str, np.ndarray], disk: float,
              frame_interval: float) -> list[tuple[str, str, str, str]]:
-    """Return rows: what, predicted, real, predicted over real."""
+    """Return rows: what, predicted, real, predicted over real; of a run without an estimate only what is real."""
     lines = []
 
-    def line(name: str, predicted: float, real: float, text) -> None:
+    def line(name: str, predicted: Callable[[dict], float], real: float, text) -> None:
         known = math.isfinite(real)
-        ratio = f"{predicted / real:.2f}" if known and real > 0.0 else ""
-        lines.append((name, text(predicted), text(real) if known else "unknown", ratio))
+        said, ratio = "", ""
+        if level is not None:
+            said = text(predicted(level))
+            ratio = f"{predicted(level) / real:.2f}" if known and real > 0.0 else ""
+        lines.append((name, said, text(real) if known else "unknown", ratio))
 
     def plain(value: float) -> str:
         return f"{value:.4g}"
 
     steps = table["time_step [s]"]
-    line("time steps", level["steps"], float(np.nansum(np.rint(frame_interval / steps))), plain)
+    line("time steps", itemgetter("steps"), float(np.nansum(np.rint(frame_interval / steps))), plain)
     for name in SOLVES:
         column = f"{name}_iterations [1]"
         if column in table:
-            line(f"{name} iterations per step", level[f"{name}_iterations"], _mean(table[column], 1.0 / steps), plain)
+            line(f"{name} iterations per step", itemgetter(f"{name}_iterations"),
+                 _mean(table[column], 1.0 / steps), plain)
     for stage in STAGES:
-        if stage in taken and stage in level["seconds"]:
+        if stage in taken and (level is None or stage in level["seconds"]):
             for kind, words in (("wall", "wall time"), ("cpu", "time of all cores")):
-                line(f"{stage}, {words}", level["seconds"][stage][kind], taken[stage][kind], duration)
+                predicted = functools.partial(_seconds, stage, kind)
+                line(f"{stage}, {words}", predicted, taken[stage][kind], duration)
     largest = max((one["memory"] for one in taken.values()), default=math.nan)
-    line("memory, largest", level["memory"], largest, memory)
-    line("disk", level["disk"], disk, memory)
+    line("memory, largest", itemgetter("memory"), largest, memory)
+    line("disk", itemgetter("disk"), disk, memory)
     return lines
+
+
+def _seconds(stage: str, kind: str, level: dict) -> float:
+    return level["seconds"][stage][kind]
 
 
 def _mean(values: np.ndarray, weights: np.ndarray) -> float:
@@ -59,20 +74,23 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> float:
     return float(np.average(values[known], weights=weights[known])) if known.any() else math.nan
 
 
-def page_of(title: str, level: dict, lines: Sequence[tuple[str, str, str, str]], path: Path | None = None,
-            remark: str = "") -> str:
-    """Return the page, to be written to a file."""
-    errors = [f"expected error, {one['quantity']}: {one['words']} ({one['source']})" for one in level["errors"]]
+def page_of(scene: Scene, found: Sequence[ExpectedError], lines: Sequence[tuple[str, str, str, str]],
+            path: Path | None = None, remark: str = "", *, predicted: bool = True) -> str:
+    """Return the page, to be written to a file; ``found`` are the errors to expect."""
+    title = scene.title or scene.name
+    errors = [f"expected error, {one.quantity}: {one.words} ({one.source})" for one in found]
     if not errors:
         errors = ["expected error: unknown; the accuracy study has no case whose effects are all in this scene."]
     return page.page(f"{title}: cost", [
         page.paragraph(
-            f"Accuracy {level['accuracy']}.", remark,
+            f"Accuracy {scene.accuracy}.", remark if predicted else "",
             "The prediction holds for a computer that does nothing else; stages that run side by side change the "
-            "clock.",
+            "clock." if predicted else
+            f"Nothing was predicted: `snakemake -j2 outputs/{scene.name}/{scene.accuracy}/estimate.html` asks for it.",
             "The error of a run is known only where there is an exact solution: the one expected is that of the "
             "accuracy study."),
-        page.table(("what", "predicted", "real", "predicted / real"), lines),
+        page.table(("what", "predicted", "real", "predicted / real"), lines) if predicted else
+        page.table(("what", "real"), [(name, real) for name, _, real, _ in lines]),
         page.bullets(errors),
     ], heading=title, path=path)
 
@@ -82,20 +100,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p = argparse.ArgumentParser(prog="python -m pipeline.cost", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
-    p.add_argument("estimate", type=Path, help="prediction of pipeline.estimate --format json")
+    p.add_argument("initial", type=Path, metavar="initial.npz", help="arrays of the voxelize stage")
     p.add_argument("metrics", type=Path, help="metrics of the run (metrics.csv)")
+    p.add_argument("--estimate", type=Path, metavar="estimate.json", help="prediction of pipeline.estimate")
     p.add_argument("--logs", type=Path, required=True, metavar="DIR", help="folder of the logs, with what stages took")
     p.add_argument("--output", type=Path, required=True, help="page to write")
     options = p.parse_args(arguments)
     scene, folder = load_resolved(options.scene), options.scene.parent
-    level = read_level(options.estimate, scene)
+    level = read_level(options.estimate, scene) if options.estimate else None
+    errors = errors_of(scene, float(load_initial(options.initial)["cavity_volume"]))
     disk = float(sum(size_of(folder / name) for name in FILES))
     taken = taken_by(usage_files(options.logs, segments_made(scene, folder)))
     table = read_table(options.metrics)
     lines = compared(level, taken, table, disk, scene.output.frame_interval)
     remark = (f"Predicted were {scene.output.duration:g} s, the most; the scene ended after {table[TIME][-1]:g} s."
               if scene.output.until_rest else "")
-    write_text(options.output, page_of(scene.title or scene.name, level, lines, options.output, remark))
+    write_text(options.output, page_of(scene, errors, lines, options.output, remark, predicted=level is not None))
     print(remark, end="\n" * bool(remark))
     for name, predicted, real, ratio in lines:
         print(f"{name:34s} {predicted:>10s} {real:>10s} {ratio:>6s}")

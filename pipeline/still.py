@@ -11,7 +11,7 @@ from PIL import Image
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.frame_files import FrameData, frame_at
 from pipeline.base.vtk_files import read_vtk
 from pipeline.illustration.illustrator import Illustrator, oils_of
 from pipeline.illustration.style import Style, add_style, style_of
@@ -19,12 +19,6 @@ from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surfaces
 
 SAMPLES = 4
-
-
-def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:
-    """Name and data of the frame of a folder that is nearest to a time in s; of the last one without."""
-    frames = [(path.stem, read_frame(path)) for path in find_frames(folder)[slice(-1 if time is None else None, None)]]
-    return min(frames, key=lambda found: 0.0 if time is None else abs(found[1].time - time))
 
 
 def draw(scene: Scene, eye: Path, frame: FrameData, surfaces: dict, style: Style) -> Image.Image:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
+from pipeline.base.frame_files import frame_at
 from pipeline.base.progress import progress
 from pipeline.base.vtk_files import read_vtk
 from pipeline.illustration.illustrator import Illustrator, oils_of
@@ -17,7 +18,6 @@ from pipeline.illustration.style import add_style, style_of
 from pipeline.pictures.movie_file import write_movie
 from pipeline.pictures.pace import RATE, Pace
 from pipeline.scenes.load import load_resolved
-from pipeline.still import frame_at
 from pipeline.surfaces.surface_files import read_surfaces
 
 SAMPLES = 2

@@ -38,7 +38,7 @@ rule estimate:
         levels="outputs/{scene}/{level}/estimate.json",
     log:
         "outputs/{scene}/{level}/logs/estimate.log",
-    priority: 20  # before the simulation, which finds its kernels compiled
+    priority: 20  # before the simulation, where both are asked for: it finds its kernels compiled
     threads: lambda w: flow.threads(w.scene, w.level, cores())  # what runs beside it runs beside the simulation too
     resources:
         mem_mb=flow.memory("estimate"),
@@ -59,7 +59,8 @@ rule estimate:
 rule cost:
     input:
         scene=SCENE,
-        estimate="outputs/{scene}/{level}/estimate.json",
+        estimate=lambda w: flow.estimate_made(w.scene, w.level),
+        initial="outputs/{scene}/{level}/initial.npz",
         metrics="outputs/{scene}/{level}/metrics.csv",
         images=all_segments(IMAGES),
     output:
@@ -67,14 +68,16 @@ rule cost:
             "outputs/{scene}/{level}/cost.html",
             **SHELF,
             caption="../docs/report/cost.rst",
-            labels={"what": "9 cost: predicted and real"},
+            labels={"what": "9 cost"},
         ),
     log:
         "outputs/{scene}/{level}/logs/cost.log",
     params:
         depends=flow.depends("cost"),
+        estimate=lambda w, input: [f"--estimate {one}" for one in ([input.estimate] if input.estimate else [])],
+        errors=flow.expected_errors(),
     message:
-        "{wildcards.scene} at {wildcards.level}: compare what was predicted with what it has cost"
+        "{wildcards.scene} at {wildcards.level}: tell what it has cost"
     shell:
-        "python -m pipeline.cost {input.scene} {input.estimate} {input.metrics}"
+        "python -m pipeline.cost {input.scene} {input.initial} {input.metrics} {params.estimate}"
         " --logs $(dirname {log}) --output {output} 2>&1 | tee {log}"

@@ -15,7 +15,6 @@ rule page:
         meanings="outputs/{scene}/{level}/metrics.json",
         index="outputs/{scene}/{level}/run.pvd",
         costs=all_segments("outputs/{scene}/{level}/costs/segment_{segment}.json"),
-        estimate="outputs/{scene}/{level}/estimate.json",
         linked=expand("outputs/{{scene}}/{{level}}/{page}.html", page=["advice", "cost", "effects"]),
     output:
         report(
@@ -31,6 +30,7 @@ rule page:
     params:
         depends=flow.depends("page"),
         texts=flow.page_texts,
+        errors=flow.expected_errors(),
     message:
         "{wildcards.scene} at {wildcards.level}: make the page"
     shell:

@@ -201,6 +201,12 @@ def read_frame(path: str | os.PathLike) -> FrameData:
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
 
 
+def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:
+    """Name and data of the frame of a folder that is nearest to a time in s; of the last one without."""
+    frames = [(path.stem, read_frame(path)) for path in find_frames(folder)[slice(-1 if time is None else None, None)]]
+    return min(frames, key=lambda found: 0.0 if time is None else abs(found[1].time - time))
+
+
 def _from_arrays(points: dict[str, np.ndarray], fields: dict[str, np.ndarray], coordinates: np.ndarray) -> FrameData:
     """The frame that the arrays of a file make."""
     dimension = int(fields.pop("dimension")[0])

@@ -12,8 +12,8 @@ from jinja2 import Environment
 from markupsafe import Markup
 
 # Pages of a run, which lie side by side in its folder: file and what a link to it says.
-RUN_PAGES = {"index.html": "this run", "metrics.html": "metrics", "advice.html": "advice", "estimate.html": "estimate",
-             "cost.html": "cost", "effects.html": "effects"}
+RUN_PAGES = {"index.html": "this run", "metrics.html": "metrics", "advice.html": "advice", "cost.html": "cost",
+             "effects.html": "effects"}
 RUN_FILE = "scene.json"  # by which the folder of a run is known
 
 _TEMPLATES = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)

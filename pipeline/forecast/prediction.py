@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping
 
 from pipeline.base.usage import KINDS
 from pipeline.base.words import duration
-from pipeline.forecast.expected_error import ExpectedError, expected_errors
+from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.probe import ROUNDS, SETTLING
-from pipeline.forecast.retina_error import retina_errors
-from pipeline.forecast.step_error import step_errors
+from pipeline.forecast.scene_errors import errors_of
 from pipeline.scenes.model import Scene
 from sim.cores import available_cores
 
@@ -94,15 +93,13 @@ def predict(scene: Scene, measured: Mapping, cores: int | None = None) -> Predic
             seconds[name] = {kind: stage[kind] for kind in KINDS}
         disk += stage["disk"] * (scene.frame_count if "frame" in stage else 1)
     seconds["other"] = {kind: SMALL_STAGES * probe["imports"][kind] for kind in KINDS}
-    width = (measured["cavity_volume"] / {2: math.pi / 4.0, 3: math.pi / 6.0}[scene.dimension]) ** (
-        1.0 / scene.dimension) / scene.numerics.particle_spacing
     return Prediction(
         scene.accuracy, scene.numerics.particle_spacing, probe["particles"], probe["wall_particles"],
         scene.output.duration / steps, steps, mean("pressure_iterations"), mean("viscosity_iterations"), seconds, start,
         measured["compilation"], total(scene, seconds, min(cores or available_cores(), available_cores())),
         max(measured["memory"], *(stage["memory"] for stage in measured["stages"].values())), disk,
         sum(phase["steps"] for phase in probe["phases"]), (*notes(scene, measured), *asked_back(scene, seconds)),
-        (*retina_errors(scene), *step_errors(scene), *expected_errors(scene, width)))
+        errors_of(scene, measured["cavity_volume"]))
 
 
 def spans(scene: Scene, measured: Mapping) -> Iterator[Span]:

@@ -22,11 +22,18 @@ TABLE_NEAR, TABLE_FAR, TABLE_FADE = (0.84, 0.86, 0.89), (0.62, 0.68, 0.76), 150.
 EXPOSURE, WHITE = 1.5, 2.6     # light that is shown as 1 before, and as white after, the curve (Z6)
 
 
-def available() -> bool:
-    """Whether Mitsuba and its denoiser are installed."""
-    from importlib.util import find_spec
+def why_not() -> str:
+    """Why Mitsuba cannot draw here, in words; empty where it can."""
+    try:
+        import mitsuba
+        import mitsuba_oidn  # noqa: F401
 
-    return all(find_spec(name) is not None for name in ("mitsuba", "mitsuba_oidn"))
+        mitsuba.set_variant("scalar_rgb")
+    except ModuleNotFoundError:
+        return "is not installed"
+    except (ImportError, OSError) as error:     # such as a library of the system that a bare Debian lacks
+        return f"cannot be loaded ({error})"
+    return ""
 
 
 class Tracer:

@@ -31,17 +31,22 @@ class Style:
 
 
 def chosen_renderer(wanted: str | None) -> str:
-    """Return the renderer that is asked for; without a wish Mitsuba where it is installed, else PyVista.
+    """Return the renderer that is asked for; without a wish Mitsuba, and where it cannot draw, said, PyVista.
 
     Raises
     ------
-    UserError : Mitsuba is asked for and not installed.
+    UserError : Mitsuba is asked for and cannot draw here.
     """
-    installed = mitsuba_picture.available()
-    if wanted == "mitsuba" and not installed:
-        raise UserError('--renderer is mitsuba, which is not installed; install it with pip install '
+    if wanted == "pyvista":
+        return wanted
+    reason = mitsuba_picture.why_not()
+    if not reason:
+        return "mitsuba"
+    if wanted == "mitsuba":
+        raise UserError(f'--renderer is mitsuba, which {reason}; install it with pip install '
                         '"eye-oil-pipeline[illustration]", or draw with --renderer pyvista')
-    return wanted or ("mitsuba" if installed else "pyvista")
+    print(f"Mitsuba {reason}: drawn by PyVista")
+    return "pyvista"
 
 
 def size_of(text: str) -> tuple[int, int]:

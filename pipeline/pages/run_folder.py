@@ -9,7 +9,8 @@ from pipeline.base.errors import UserError
 from pipeline.base.tables import read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
-from pipeline.forecast.estimate_files import read_level
+from pipeline.forecast.expected_error import ExpectedError
+from pipeline.forecast.scene_errors import errors_of
 from pipeline.measures.metric import Metric, read_meanings
 from pipeline.scenes.ending import segments_made
 from pipeline.scenes.load import scene_of_run
@@ -30,7 +31,7 @@ class Run:
     cavity_volume : m^3 (in two dimensions m^2).
     costs : what the solver says of each segment.
     taken : stage -> wall, cpu (s) and memory (bytes).
-    predicted : the estimate of this level.
+    errors : to expect of a scene like this one.
     """
 
     folder: Path
@@ -41,7 +42,7 @@ class Run:
     cavity_volume: float
     costs: list[dict[str, Any]]
     taken: dict[str, dict[str, float]]
-    predicted: dict[str, Any]
+    errors: tuple[ExpectedError, ...]
 
     @property
     def title(self) -> str:
@@ -87,10 +88,11 @@ def read_run(folder: Path) -> Run:
             raise UserError(f"{folder / name}: no such file; run the movie stage first")
     if scene.dimension == 3 and not (folder / "still.png").is_file():
         raise UserError(f"{folder / 'still.png'}: no such file; run the still stage first")
+    cavity_volume = float(load_initial(folder / "initial.npz")["cavity_volume"])
     return Run(
         folder=folder, scene=scene, table=read_table(folder / "metrics.csv"),
         metrics=read_meanings(folder / "metrics.json"), pictures=pictures,
-        cavity_volume=float(load_initial(folder / "initial.npz")["cavity_volume"]),
+        cavity_volume=cavity_volume,
         costs=[read_costs(folder / "costs" / f"segment_{name}.json") for name in segments],
         taken=taken_by(usage_files(folder / "logs", segments)),
-        predicted=read_level(folder / "estimate.json", scene))
+        errors=errors_of(scene, cavity_volume))

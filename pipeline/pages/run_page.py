@@ -90,8 +90,8 @@ def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Marku
         said.append(f"{illustrated}; they are in the tables below.")
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
-    said += [f"At this level the covered retina at rest is {one['words']} ({one['source']})."
-             for one in run.predicted["errors"] if one.get("unit") == UNIT and not illustrated]
+    said += [f"At this level the covered retina at rest is {one.words} ({one.source})."
+             for one in run.errors if one.unit == UNIT and not illustrated]
     rest = "" if illustrated else rest_in_words(run.table, events)
     breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
     return Markup('<ul class="numbers">{}</ul>{}{}').format(
@@ -220,7 +220,7 @@ def _cost(run: Run) -> list[Markup]:
     sums = {"wall": sum(every["wall"]), "cpu": sum(every["cpu"]), "memory": max(every["memory"], default=0.0)}
     rows = [(stage, duration(taken["wall"]), duration(taken["cpu"]), memory(taken["memory"]))
             for stage, taken in (*run.taken.items(), ("all", sums))]
-    errors = [f"{one['quantity']}: {one['words']} ({one['source']})" for one in run.predicted["errors"]]
+    errors = [f"{one.quantity}: {one.words} ({one.source})" for one in run.errors]
     return [page.table(("stage", "by the clock", "of all cores", "memory"), rows),
             page.paragraph("Errors to expect, those of the accuracy study at this spacing:") if errors else
             page.paragraph("The error to expect is not known: the accuracy study has no case whose effects are all in "

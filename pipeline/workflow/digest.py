@@ -39,8 +39,8 @@ UNREAD = {
                      "liquids", "output", *PLACES),
     "render": ("accuracy", "start_from", "initial", "blocks", "schemes", *ENDS),
     "still": ILLUSTRATED,
-    "illustrate": ILLUSTRATED,
-    "turntable": ILLUSTRATED,
+    "illustrate": (*ILLUSTRATED, "liquids.color"),  # in an eye they are always the same
+    "turntable": (*ILLUSTRATED, "liquids.color"),
     "movie": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "eye", "container",
               "liquids", "numerics", "dimension", *ENDS, *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),

@@ -268,8 +268,14 @@ class Workflow:
         return parameter
 
     @staticmethod
+    def estimate_made(name: str, level: str) -> list[str]:
+        """Return the estimate of a scene where somebody has asked for one; it costs as much as many frames."""
+        path = OUTPUTS / name / level / "estimate.json"
+        return [str(path)] if path.is_file() else []
+
+    @staticmethod
     def expected_errors() -> str:
-        """Return a parameter that changes with the errors that estimates tell."""
+        """Return a parameter that changes with the errors to expect."""
         from pipeline.forecast.expected_error import errors_file
         from pipeline.forecast.retina_error import SHIPPED
 

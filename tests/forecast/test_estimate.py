@@ -28,6 +28,7 @@ from pipeline.forecast.measurement import coarser, measured, rehearsal_spacings
 from pipeline.forecast.phases import Phase, phases_of, state_in
 from pipeline.forecast.prediction import predict, spans
 from pipeline.forecast.probe import SHORTEST, as_usage, mix_ahead, probe, rehearse, take_steps
+from pipeline.forecast.scene_errors import errors_of
 from pipeline.forecast.step_error import step_errors
 from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
@@ -532,8 +533,14 @@ def test_predicted_and_real_stand_side_by_side():
     lines = {line[0]: line[1:] for line in cost.compared(level, taken, table, 1e6, 0.1)}
     assert lines["time steps"][1] == "100" and lines["pressure iterations per step"][1] == "2"
     assert lines["simulate, wall time"][2] == "0.50" and lines["simulate, time of all cores"][1:] == ("unknown", "")
-    page = cost.page_of("Still eye", level, [(name, *cells) for name, cells in lines.items()])
-    assert "predicted / real" in page and "expected error" in page
+    rows = [(name, *cells) for name, cells in lines.items()]
+    errors = errors_of(scene, CAVITY)
+    page = cost.page_of(scene, errors, rows)
+    assert "predicted / real" in page and "expected error" in page and errors[0].words in page
+    real = cost.compared(None, taken, table, 1e6, 0.1)
+    assert [line[0] for line in real] == [*lines] and all(line[1] == line[3] == "" for line in real)
+    page = cost.page_of(scene, errors, real, predicted=False)
+    assert "predicted / real" not in page and "outputs/still_eye/draft/estimate.html` asks for it" in page
 
 
 def test_error_by_the_time_step_is_what_the_scene_asks_for():

@@ -67,7 +67,7 @@ def test_pages_show_titles_as_text(scene, tmp_path):
     study_report._write_page(tmp_path / "table.html", study, [Outcome(remarks=[scene.title])], [])
     pages = [path.read_text() for path in tmp_path.glob("*.html")]
     pages += [report.html_of(report.report_of(scene, 5e-6)),
-              cost.page_of(scene.title, {"accuracy": "draft", "errors": []}, [])]
+              cost.page_of(scene, [], [])]
     for page in pages:
         assert SCRIPT not in page and "<h1>" in page and "&lt;script&gt;" * (SCRIPT in scene.title) in page
 

@@ -18,6 +18,7 @@ from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.page import RUN_PAGES
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
+from pipeline.forecast.expected_error import ExpectedError
 from pipeline.measures.metric import Metric
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines, headlines_of
@@ -72,27 +73,29 @@ def run_folder(tmp_path_factory, taichi):
                   str(folder / "eye.vtp")])
     movie.main([str(images), "--scene", str(folder / "scene.json"), "--output", str(folder / "movie.mp4"), "--poster",
                 str(folder / "poster.png")])
+    Image.new("RGB", (320, 180), (240, 230, 190)).save(folder / "still.png")
     write_costs(folder)
     return folder
 
 
 def write_costs(folder):
-    """Write what the simulation, the stages and the estimate say of a run."""
+    """Write what the simulation and the stages say of a run."""
     for name in ("costs", "logs"):
         (folder / name).mkdir()
     (folder / "costs" / "segment_000.json").write_text(
         json.dumps({"steps": 200, "particles": 3216, "device": "cpu", "frames": []}))
     (folder / "logs" / "simulate_000.log.json").write_text(json.dumps({"wall": 10.0, "cpu": 20.0, "memory": 3e8}))
-    error = {"quantity": "laplace: pressure jump", "value": 0.004, "words": "0.4 %", "source": "a table"}
-    retina = {"quantity": "covered retina at rest", "value": 3.0, "unit": "points of the retina",
-              "words": "within 3 points of the retina", "source": "measured on tamponade"}
-    (folder / "estimate.json").write_text(json.dumps({"levels": [{"accuracy": "draft", "errors": [retina, error]}]}))
 
 
 @pytest.fixture(scope="module")
 def index(run_folder):
     """Return the page of that run."""
-    page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")])
+    errors = (ExpectedError("covered retina at rest", 3.0, "points of the retina", "within 3 points of the retina",
+                            "measured on tamponade"),
+              ExpectedError("laplace: pressure jump", 0.004, "1", "0.4 %", "a table"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.pages.run_folder.errors_of", lambda scene, volume: errors)
+        page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")])
     return run_folder / "index.html"
 
 
@@ -114,7 +117,8 @@ def test_page_says_first_what_people_ask_for(index):
     assert re.search(r": it touches \d+ %, \d+ % are on a film of aqueous of \d+ to \d+ µm$", numbers[0][1])
     assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, _ in numbers)
     places = [text.index(words) for words in (
-        "of the retina is under oil", "<video", 'type="range"', "<canvas", "Fundus over time", "<h2>Over time",
+        'class="still"', "of the retina is under oil", "<video", 'type="range"', "<canvas", "Fundus over time",
+        "<h2>Over time",
         "retina coverage whole</td>", "Numbers of the computation</summary>", "pressure iterations</td>",
         "What was simulated", "left out, and why", "laplace: pressure jump", "Versions", "tiny.yaml</summary>",
         "extends: tamponade", "tamponade.yaml</summary>")]

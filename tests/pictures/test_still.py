@@ -1,5 +1,6 @@
 """An illustration shows what was simulated, where it was, in an eye that is whole; the same bits every time."""
 import json
+import sys
 import types
 
 import numpy as np
@@ -162,9 +163,10 @@ def test_the_same_picture_comes_again_with_blue_water_below_lighter_oil(drawn, r
     assert water[2] > water[0] + 25 and oil[0] > oil[2] + 10
 
 
-def test_without_mitsuba_pyvista_draws_and_asking_for_it_is_refused(monkeypatch):
-    monkeypatch.setattr(mitsuba_picture, "available", lambda: False)
+def test_without_mitsuba_pyvista_draws_and_asking_for_it_is_refused(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
     assert chosen_renderer(None) == "pyvista"
+    assert capsys.readouterr().out == "Mitsuba is not installed: drawn by PyVista\n"
     with pytest.raises(UserError, match="--renderer is mitsuba, which is not installed; install it with pip install"):
         chosen_renderer("mitsuba")
 
