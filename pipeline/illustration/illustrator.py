@@ -19,10 +19,11 @@ from pipeline.pictures.fundus_map import disc_direction
 from pipeline.pictures.marks import clock, pretty
 from pipeline.pictures.paint import paint_of
 from pipeline.pictures.section_panel import posture
-from pipeline.scenes.effects import droplets_of
+from pipeline.scenes.effects import does, droplets_of
 from pipeline.scenes.eye_shape import shape_of
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import globe_radius
+from sim.effects.effect import MIXES
 
 CELL, MARGIN = 0.25e-3, 1.6e-3      # m, of the distances to the cavity, and around it
 REACH = 14.5e-3                     # m: half width of the plane of the cut, at least
@@ -159,6 +160,8 @@ class Illustrator:
         notes.append(f"Shapes of the liquids: simulated. Around them: {around}. "
                      f"Colors chosen; drawn by {'Mitsuba 3' if self.style.renderer == 'mitsuba' else 'VTK'}.")
         more = ["around the oil is air: as glass, with its index of refraction"] if self.look.whole else []
+        if does(scene, MIXES):
+            more.append("the liquids mix: oil is drawn where it is more than half")
         if liquids.left_out:
             drops = "one drop" if liquids.left_out == 1 else f"{liquids.left_out} drops"
             more.append(f"{drops} of fewer than three particles not drawn")
