@@ -154,7 +154,7 @@ def headline(one: Headline, rows: dict[str, list[Row]]) -> Row:
 
 
 def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
-    """Return the README with the numbers between its marks made anew.
+    """Return the README with the numbers between its marks made anew, and how many of all hold.
 
     Raises
     ------
@@ -172,7 +172,11 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
         body.append((f"[{one.words}]({(place / one.page).as_posix()}.md)", f"**{shown}**",
                      amount(row.expected, row.unit) if row.value else "", row.holds, row.size, f"`{row.command}`"))
     head = ("what", "number", "to compare", "holds", "size", "command")
-    return f"{before}{mark}\n{table(head, body)}\n{other}{after}"
+    asked = [row for page in layout.pages for row in rows[page.name] if row.holds]
+    near = sum(row.holds == "yes" for row in asked)
+    counts = (f"*To compare*: what was asked for, or an exact or independent solution. Of all {len(asked)} numbers that "
+              f"have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
+    return f"{before}{mark}\n{table(head, body)}\n\n{counts}\n{other}{after}"
 
 
 def benchmark_rows(root: Path) -> list[Row]:

@@ -161,7 +161,11 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     costs = {row.quantity: row.value for row in rows_of(project, "costs") if row.case.startswith("tamponade, 10 s")}
     assert (costs["wall time of the simulation"], costs["time of all cores, simulation"]) == ("1.5", "3")
     assert costs["memory"] == "1.00"
-    assert "**84.9000 %**" in (project / "README.md").read_text()
+    readme = (project / "README.md").read_text()
+    assert "**36 %**" in readme and "**1.5 min**" in readme
+    asked = [row for path in (project / "docs" / "results").glob("*.csv") for row in rows_of(project, path.stem)
+             if row.holds]
+    assert f"Of all {len(asked)} numbers that have one, {sum(row.holds == 'yes' for row in asked)} are" in readme
 
 
 @pytest.mark.parametrize(("change", "told"), [
