@@ -60,8 +60,14 @@ class Anatomy:
         return self._within(points, AnteriorSegment.outside, COATS)
 
     def enclosed(self, points: np.ndarray) -> np.ndarray:
-        """Level of all that sclera and cornea enclose, without them."""
-        return self._within(points, AnteriorSegment.inside, CHOROID_END)
+        """Level of all that sclera and cornea enclose, without them; the cavity keeps its coat everywhere."""
+        within = self._within(points, AnteriorSegment.inside, CHOROID_END)
+        if self.segment is None:
+            return within
+        across, height = in_meridian(points)
+        coat = _all(self.inside(points) - MM * CHOROID_END,
+                    np.minimum(height - MM * self.segment.front, MM * CILIARY_EDGE - across))
+        return np.minimum(within, coat)
 
     def _within(self, points: np.ndarray, reach: Callable, beyond: float) -> np.ndarray:
         """Level of what lies within a reach (m) of the center of the globe, or so far (m) beyond the wall of a mesh."""
@@ -106,10 +112,13 @@ class Anatomy:
     def lens(self, points: np.ndarray) -> np.ndarray:
         """Level of the lens, or of the artificial one; everywhere positive where there is none."""
         outline = self.lens_outline()
-        return _nowhere(points) if outline is None else _all(turned(points, outline), -self.inside(points))
+        if outline is None:
+            return _nowhere(points)
+        whole = np.concatenate([outline, outline[::-1] * [-1.0, 1.0]])      # beyond the axis too
+        return _all(turned(points, whole), -self.inside(points))
 
     def lens_outline(self) -> np.ndarray | None:
-        """Outline (n, 2) of the lens or the artificial one: distance from the optic axis and height, mm."""
+        """Outline (n, 2) of the lens or the artificial one from pole to pole: distance from the axis and height, mm."""
         if self.segment is None or self.segment.lens == "aphakic":
             return None
         return in_mm(self.segment.own_lens() if self.segment.lens == "phakic" else self.segment.implant())

@@ -15,11 +15,11 @@ TURNS = 288                 # steps of half a turn about the optic axis, several
 PROCESSES = 36              # of the ciliary body in half a turn
 FIBERS, FIBER_RADIUS = 150, 0.028       # zonular fibers in the half; mm
 HAPTIC_RADIUS, HAPTIC_TURN = 0.09, np.radians(115.0)    # of the arms of an artificial lens, mm, and how far they turn
-ROOT = 0.25                 # mm, of the iris in the wall
+ROOT, OVER_LIMBUS = 0.25, 0.1           # mm: of the iris in the wall; of the sclera's outer side over the cornea
 NERVE_RADIUS, NERVE_LENGTH = 1.6, 6.0  # mm
 FULL_ANGLE = 180.0          # degrees from the posterior pole at the edge of the fundus texture
 TOUCHING, NEAR_WALL = 0.3, 0.8          # mm: oil nearer to the wall is pushed into it; farther is left alone
-PUSH = 0.65                 # mm, how far
+PUSH, FRONT_PUSH = 0.65, 0.1    # mm, how far, and how far beyond lens, pupil and iris, which are clear or thin
 PASSES = 8                  # of Taubin's smoothing of the interface
 SMALLEST_BODY = 3.0         # particles: smaller drops of oil are left out
 
@@ -143,7 +143,8 @@ def parts_of_eye(eye, anatomy: Anatomy, opening: Opening) -> list[Part]:
     whole = np.array([[-reach] * 3, [reach] * 3])
     parts: list[Part | None] = [*walls_of(eye, anatomy, opening)]
     outside = surface_of("sclera", anatomy.outside, whole, SHELL_CELL, opening)
-    parts.append(outside if anatomy.shape is None else clipped(outside, anatomy.before_limbus))
+    parts.append(outside if anatomy.shape is None else clipped(
+        outside, lambda points: anatomy.before_limbus(points) + OVER_LIMBUS))
     for name in ("sclera", "choroid", "retina"):
         parts.append(opening.face(name, getattr(anatomy, name)(at)))
     if anatomy.segment is not None:
@@ -157,8 +158,10 @@ def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
     assert segment is not None
     angle = np.linspace(0.0, segment.limbus, 60)
     corner = np.linspace(segment.limbus, np.arctan2(ANGLE, segment.root), 10)
+    ends = np.array([segment.limbus, segment.limbus])
     lines = [("cornea", segment.outside(angle), angle), ("cornea", segment.inside(angle), angle),
-             ("sclera", segment.inside(corner), corner)]
+             ("sclera", segment.inside(corner), corner),
+             ("sclera", np.concatenate([segment.inside(ends[:1]), segment.outside(ends[:1])]), ends)]
     parts: list[Part | None] = [revolved(name, MM * np.stack([reach * np.sin(turn), reach * np.cos(turn)], axis=-1),
                                          opening) for name, reach, turn in lines]
     parts += [opening.face(f"{name}_cut", getattr(anatomy, name)(at)) for name in ("cornea", "iris", "ciliary", "lens")]
@@ -304,7 +307,10 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float) -> Liqu
     normals = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
     depth = MM * np.asarray(oil.point_data["depth"], float)
     touching = np.clip((NEAR_WALL - depth) / (NEAR_WALL - TOUCHING), 0.0, 1.0)
-    smooth.points = np.asarray(smooth.points) + PUSH * touching[:, None] * np.asarray(normals.point_data["Normals"])
+    push = np.full(len(depth), PUSH)
+    if anatomy.shape is not None:
+        push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, np.minimum(depth + FRONT_PUSH, PUSH), push)
+    smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * np.asarray(normals.point_data["Normals"])
     of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)

@@ -154,9 +154,10 @@ class AnteriorSegment:
         """A triangle behind the root of the iris, of which cavity and sclera leave what lies between them."""
         across, height = self.processes()
         if self.filled:
-            across, height = np.array([ANGLE, ANGLE]), np.array([0.0, self.root])
-        return (np.concatenate([[BEYOND, CILIARY_EDGE], across, [BEYOND]]),
-                np.concatenate([[0.0, 0.0], height, [self.root]]))
+            across, height = np.array([ANGLE]), np.array([0.0])
+        end = max(self.root, self.front + CHOROID_END)
+        return (np.concatenate([[BEYOND, CILIARY_EDGE], across, [CILIARY_EDGE, BEYOND]]),
+                np.concatenate([[0.0, 0.0], height, [end, end]]))
 
     def zonules(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Fibers from the processes to the capsule around the equator of the own lens."""
