@@ -25,7 +25,7 @@ from pipeline.scenes.model import Eye
 from pipeline.scenes.retina import ORA
 
 MM = 1e3                                # mm in a m
-ON_CORNEA = 0.15                        # mm: where liquids fill the eye up to the cornea, their wall is clear so near it
+ON_CORNEA = 0.15                        # mm: where liquids fill the eye up to the cornea, the wall is clear so near it
 NEAR = 0.5                              # mm: farther from the box around an outline, its distance is not asked for
 
 Level = Callable[[np.ndarray], np.ndarray]      # points (..., 3) in mm -> (...)

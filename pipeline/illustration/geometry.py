@@ -19,7 +19,7 @@ ROOT, OVER_LIMBUS = 0.25, 0.1           # mm: of the iris in the wall; of the sc
 NERVE_RADIUS, NERVE_LENGTH = 1.6, 6.0  # mm
 FULL_ANGLE = 180.0          # degrees from the posterior pole at the edge of the fundus texture
 TOUCHING, NEAR_WALL = 0.3, 0.8          # mm: oil nearer to the wall is pushed into it; farther is left alone
-PUSH, FRONT_PUSH = 0.65, 0.1    # mm, how far, and how far beyond lens, pupil and iris, which are clear or thin
+PUSH = 0.65                 # mm, how far; where the wall is clear or thin, in front, only onto it
 PASSES = 8                  # of Taubin's smoothing of the interface
 SMALLEST_BODY = 3.0         # particles: smaller drops of oil are left out
 
@@ -193,7 +193,8 @@ def revolved(name: str, line: np.ndarray, opening: Opening, ridges: np.ndarray |
     """
     turn = opening.middle + np.linspace(-0.5 * np.pi, 0.5 * np.pi, TURNS + 1)[:, None]
     across = line[:, 0] + (np.zeros((TURNS + 1, 1)) if ridges is None else ridges)
-    points = np.stack([across * np.cos(turn), across * np.sin(turn), np.broadcast_to(line[:, 1], across.shape)], axis=-1)
+    height = np.broadcast_to(line[:, 1], across.shape)
+    points = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
     corner = np.arange(TURNS)[:, None] * len(line) + np.arange(len(line) - 1)
     quads = np.stack([corner, corner + len(line), corner + len(line) + 1, corner + 1], axis=-1).reshape(-1, 4)
     along, around = np.gradient(points, axis=1), np.gradient(points, axis=0)
@@ -253,8 +254,9 @@ def optic_nerve(anatomy: Anatomy, disc: np.ndarray, opening: Opening) -> Part | 
         return None
     reach = np.linspace(0.0, 20.0, 400)[:, None] * disc
     start = reach[np.argmax(anatomy.inside(reach) > 0.0)]
-    nerve = pyvista.Cylinder(center=start + (0.5 * NERVE_LENGTH + MM * CHOROID_END) * disc, direction=disc, radius=NERVE_RADIUS,
-                             height=NERVE_LENGTH, resolution=60).triangulate()
+    middle = start + (0.5 * NERVE_LENGTH + MM * CHOROID_END) * disc
+    nerve = pyvista.Cylinder(center=middle, direction=disc, radius=NERVE_RADIUS, height=NERVE_LENGTH,
+                             resolution=60).triangulate()
     return part_of("nerve", nerve.compute_normals(cell_normals=False, split_vertices=True))
 
 
@@ -309,9 +311,10 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float) -> Liqu
     touching = np.clip((NEAR_WALL - depth) / (NEAR_WALL - TOUCHING), 0.0, 1.0)
     push = np.full(len(depth), PUSH)
     if anatomy.shape is not None:
-        push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, np.minimum(depth + FRONT_PUSH, PUSH), push)
+        push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
     smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * np.asarray(normals.point_data["Normals"])
-    of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
+    of_oil = _distance_on_plane(smooth, opening, inside < 1.0,
+                                folded=anatomy.segment is not None and anatomy.segment.filled)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)
 
@@ -323,13 +326,19 @@ def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_ou
                    {name: opening.points[levels[name].argmin()] for name, face in faces.items() if face is not None})
 
 
-def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
-    """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked."""
+def _distance_on_plane(mesh, opening: Opening, where: np.ndarray, *, folded: bool) -> np.ndarray:
+    """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked.
+
+    ``folded`` is whether the surface may cross itself, as one does that is pushed over the edge of the pupil.
+    """
     import pyvista
 
     level = np.full(len(opening.points), 1e3)
     found = pyvista.PolyData(opening.points[where]).compute_implicit_distance(mesh)
     level[where] = np.asarray(found.point_data["implicit_distance"])
+    if folded:      # then the nearest triangle may be turned round
+        enclosed = found.select_interior_points(mesh, method="cell_locator", check_surface=False)
+        level[where] = np.abs(level[where]) * np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
     return level
 
 

@@ -20,13 +20,13 @@ from pipeline.scenes.eye_shape import (
 from pipeline.scenes.eye_shape import CORNEA_RADIUS as CORNEA_BACK_RADIUS
 from pipeline.scenes.model import Eye
 
-RETINA_END, CHOROID_END, COATS = 0.22e-3, 0.42e-3, 0.9e-3      # outer sides of retina, choroid and sclera off the cavity
+RETINA_END, CHOROID_END, COATS = 0.22e-3, 0.42e-3, 0.9e-3      # outer sides of retina, choroid, sclera off the cavity
 CORNEA_RADIUS = 7.8e-3                  # of its front
 LENS_FRONT_RADIUS, LENS_ROUNDING = 10e-3, 1.1e-3
 LIMBUS, ANGLE = 5.8e-3, 6.3e-3          # distances from the axis: end of the cornea, and the root of the iris
 PUPIL, IMPLANT, IMPLANT_THICKNESS = 1.9e-3, 3.0e-3, 0.9e-3     # half widths; an artificial lens
-# Of the ciliary body: where it begins at the front of the cavity; then distances from the axis, m, and shares of the way
-# from there to the root of the iris. It goes on into the sclera, whose inner side bounds it.
+# Of the ciliary body: where it begins at the front of the cavity; then distances from the axis, m, and shares of the
+# way from there to the root of the iris. It goes on into the sclera, whose inner side bounds it.
 CILIARY_EDGE, BEYOND = 6.2e-3, 20e-3
 PROCESSES = ((5.75e-3, 0.30), (5.25e-3, 0.40), (5.75e-3, 0.50), (5.35e-3, 0.60), (5.8e-3, 0.69), (5.5e-3, 0.78),
              (6.0e-3, 0.90))

@@ -94,7 +94,7 @@ class SectionPanel(SlicePanel):
         self.paint_over(self.cover(inside) * before, CHAMBER)
         room = self.cover(inside)
         if eye.filled:
-            self.paint_over(room * (z > 0.0), IRIS)
+            self.paint_over(room * (z > 0.0) * ~behind, IRIS)
         self.paint_over(room * ~behind * self.areas(self._both(eye.ciliary_body())), CILIARY)
         if not eye.filled:
             self._paint_front(eye, y, z, inside)
