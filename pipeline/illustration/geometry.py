@@ -158,12 +158,11 @@ def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
     assert segment is not None
     angle = np.linspace(0.0, segment.limbus, 60)
     corner = np.linspace(segment.limbus, np.arctan2(ANGLE, segment.root), 10)
-    ends = np.array([segment.limbus, segment.limbus])
-    lines = [("cornea", segment.outside(angle), angle), ("cornea", segment.inside(angle), angle),
-             ("sclera", segment.inside(corner), corner),
-             ("sclera", np.concatenate([segment.inside(ends[:1]), segment.outside(ends[:1])]), ends)]
-    parts: list[Part | None] = [revolved(name, MM * np.stack([reach * np.sin(turn), reach * np.cos(turn)], axis=-1),
-                                         opening) for name, reach, turn in lines]
+    outer, inner = _arc(segment.outside(angle), angle), _arc(segment.inside(angle), angle)
+    parts: list[Part | None] = [
+        revolved("cornea", outer, opening), revolved("cornea", inner, opening),
+        revolved("sclera", np.stack([inner[-1], outer[-1]]), opening),
+        clipped(revolved("sclera", _arc(segment.inside(corner), corner), opening), anatomy.inside)]
     parts += [opening.face(f"{name}_cut", getattr(anatomy, name)(at)) for name in ("cornea", "iris", "ciliary", "lens")]
     if segment.filled:
         return parts
@@ -181,6 +180,11 @@ def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
     elif segment.lens == "pseudophakic":
         parts.append(haptics(anatomy, opening))
     return parts
+
+
+def _arc(reach: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Line (n, 2), mm, by distance (m) from the center of the globe and angle from the optic axis."""
+    return MM * np.stack([reach * np.sin(angle), reach * np.cos(angle)], axis=-1)
 
 
 def revolved(name: str, line: np.ndarray, opening: Opening, ridges: np.ndarray | None = None) -> Part:
@@ -314,7 +318,7 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float) -> Liqu
         push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
     smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * np.asarray(normals.point_data["Normals"])
     of_oil = _distance_on_plane(smooth, opening, inside < 1.0,
-                                folded=anatomy.segment is not None and anatomy.segment.filled)
+                                folded=anatomy.shape is None or anatomy.shape.cornea is not None)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)
 
@@ -329,7 +333,7 @@ def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_ou
 def _distance_on_plane(mesh, opening: Opening, where: np.ndarray, *, folded: bool) -> np.ndarray:
     """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked.
 
-    ``folded`` is whether the surface may cross itself, as one does that is pushed over the edge of the pupil.
+    ``folded`` is whether the surface may cross itself: one does that was pushed over an edge of the wall.
     """
     import pyvista
 
