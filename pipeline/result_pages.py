@@ -174,8 +174,8 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
     head = ("what", "number", "to compare", "holds", "size", "command")
     asked = [row for page in layout.pages for row in rows[page.name] if row.holds]
     near = sum(row.holds == "yes" for row in asked)
-    counts = (f"*To compare*: what was asked for, or an exact or independent solution. Of all {len(asked)} numbers that "
-              f"have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
+    counts = (f"*To compare*: what was asked for, or an exact or independent solution. Of all {len(asked)} numbers "
+              f"that have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
     return f"{before}{mark}\n{table(head, body)}\n\n{counts}\n{other}{after}"
 
 

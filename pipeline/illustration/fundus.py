@@ -20,6 +20,7 @@ THINNEST, WIDEST = 0.11, 1.1        # degrees, of vessels
 RETINA_COLOR, FAR_COLOR, MACULA_COLOR = (0.74, 0.27, 0.13), (0.66, 0.25, 0.13), (0.46, 0.12, 0.06)
 DISC_COLOR, CUP_COLOR = (0.90, 0.62, 0.36), (0.97, 0.84, 0.64)
 ARTERY_COLOR, VEIN_COLOR = (0.42, 0.035, 0.025), (0.24, 0.015, 0.035)
+IRIS_COLOR, COLLARETTE_COLOR = (0.13, 0.22, 0.17), (0.40, 0.23, 0.085)
 PARS_PLANA_COLOR, CILIARY_COLOR = (0.24, 0.125, 0.075), (0.13, 0.065, 0.045)
 
 
@@ -60,12 +61,12 @@ def iris_texture() -> np.ndarray:
     """Texture (256, 2048, 3) float32 of the iris, linear: row 0 at the pupil, columns around."""
     rng = np.random.default_rng(SEED + 1)
     rows, columns = 256, 2048
-    fine = Image.fromarray(rng.uniform(0, 255, (rows // 8, columns)).astype(np.uint8)).resize((columns, rows))
-    fibers = np.asarray(fine.filter(ImageFilter.GaussianBlur(1.2)), float) / 255.0 - 0.5
+    fine = Image.fromarray(rng.uniform(0, 255, (rows // 32, columns // 2)).astype(np.uint8)).resize((columns, rows))
+    fibers = np.asarray(fine.filter(ImageFilter.GaussianBlur(1.0)), float) / 255.0 - 0.5
     inward = (np.arange(rows) + 0.5)[:, None] / rows
-    base = _mixed((0.16, 0.13, 0.085), (0.36, 0.24, 0.12), np.clip(inward * 1.1, 0.0, 1.0) * np.ones((1, columns)))
-    collarette = np.exp(-((inward - 0.68) / 0.08) ** 2)
-    tone = 1.0 + 1.1 * fibers + 0.35 * collarette
+    base = _mixed(IRIS_COLOR, COLLARETTE_COLOR, np.clip((inward - 0.45) / 0.3, 0.0, 1.0) * np.ones((1, columns)))
+    collarette = np.exp(-((inward - 0.68) / 0.06) ** 2)
+    tone = 1.0 + 2.6 * fibers + 0.45 * collarette
     tone = tone - 0.75 * _edge(0.93 - inward, 0.05) - 0.5 * _edge(inward - 0.06, 0.06)
     return np.clip(base * tone[..., None], 0.01, 1.0).astype(np.float32)[::-1]
 

@@ -6,15 +6,21 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.illustration.anatomy import CHOROID, CILIARY_TIP, MM, Anatomy, Level
+from pipeline.illustration.anatomy import MM, Anatomy, Level, in_meridian, in_mm
+from pipeline.pictures.anterior_segment import ANGLE, CHOROID_END
 
 PLANE_CELL = 0.1            # mm, of the plane of the cut
-SHELL_CELL, FRONT_CELL = 0.4, 0.14      # mm, of the grids on which the surfaces of the parts are found
-FIBERS, FIBER_RADIUS = 150, 0.028       # zonular fibers in the half, from either side of the lens; mm
+SHELL_CELL = 0.4            # mm, of the grid on which the outside of the eye is found
+TURNS = 288                 # steps of half a turn about the optic axis, several of every process
+PROCESSES = 36              # of the ciliary body in half a turn
+FIBERS, FIBER_RADIUS = 150, 0.028       # zonular fibers in the half; mm
+HAPTIC_RADIUS, HAPTIC_TURN = 0.09, np.radians(115.0)    # of the arms of an artificial lens, mm, and how far they turn
+ROOT, OVER_LIMBUS = 0.25, 0.1           # mm: of the iris in the wall; of the sclera's outer side over the cornea
 NERVE_RADIUS, NERVE_LENGTH = 1.6, 6.0  # mm
 FULL_ANGLE = 180.0          # degrees from the posterior pole at the edge of the fundus texture
 TOUCHING, NEAR_WALL = 0.3, 0.8          # mm: oil nearer to the wall is pushed into it; farther is left alone
-PUSH, APART = 0.65, 0.06    # mm, how far, or how far the whole oil is drawn in
+PUSH = 0.65                 # mm, how far; where the wall is clear or thin, in front, only onto it
+APART = 0.06                # mm, how far the whole oil is drawn in
 PASSES = 8                  # of Taubin's smoothing of the interface
 SMALLEST_BODY = 3.0         # particles: smaller drops of oil are left out
 
@@ -75,6 +81,11 @@ class Opening:
         plane.clear_data()
         self.plane, self.points, self.across = plane, np.asarray(plane.points, float), across
 
+    @property
+    def middle(self) -> float:
+        """Angle around the optic axis, from x to y, of the middle of the half that stays, rad."""
+        return float(np.arctan2(-self.toward[1], -self.toward[0]))
+
     def face(self, name: str, level: np.ndarray, lifted: float = 0.0) -> Part | None:
         """The part of the plane (n,) where a level of its points is negative; None if that is nowhere."""
         plane = self.plane.copy(deep=False)
@@ -131,42 +142,106 @@ def parts_of_eye(eye, anatomy: Anatomy, opening: Opening) -> list[Part]:
     at = opening.points
     reach = float(np.abs(opening.points).max())
     whole = np.array([[-reach] * 3, [reach] * 3])
-    parts: list[Part | None] = [wall_of(eye, anatomy, opening)]
+    parts: list[Part | None] = [*walls_of(eye, anatomy, opening)]
     outside = surface_of("sclera", anatomy.outside, whole, SHELL_CELL, opening)
-    parts.append(outside if anatomy.shape is None else clipped(outside, anatomy.before_limbus))
+    parts.append(outside if anatomy.shape is None else clipped(
+        outside, lambda points: anatomy.before_limbus(points) + OVER_LIMBUS))
     for name in ("sclera", "choroid", "retina"):
         parts.append(opening.face(name, getattr(anatomy, name)(at)))
-    if anatomy.shape is not None:
-        front = np.array([[-8.5, -8.5, anatomy.front - 4.0], [8.5, 8.5, anatomy.front + 3.5]])
-        parts.append(surface_of("ciliary", lambda p: anatomy.ciliary(p, processes=True), front, FRONT_CELL, opening))
-        parts.append(opening.face("ciliary_cut", anatomy.ciliary(at)))
-        iris = surface_of("iris", anatomy.iris, front, FRONT_CELL, opening)
-        if iris is not None:
-            outward = np.linalg.norm(iris.points[:, :2], axis=1)
-            around = np.arctan2(iris.points[:, 1], iris.points[:, 0]) / (2.0 * np.pi) % 1.0
-            inward = np.clip((outward - anatomy.pupil) / (6.4 - anatomy.pupil), 0.0, 1.0)
-            iris.places = np.stack([around, inward], axis=1)
-        parts += [iris, opening.face("iris_cut", anatomy.iris(at))]
-        parts.append(surface_of("lens", anatomy.lens, front, FRONT_CELL, opening))
-        parts.append(opening.face("lens_cut", anatomy.lens(at)))
-        dome = np.array([[-7.0, -7.0, anatomy.front], [7.0, 7.0, anatomy.apex + 0.5]])
-        parts.append(surface_of("cornea", anatomy.cornea, dome, 0.2, opening))
-        parts.append(opening.face("cornea_cut", anatomy.cornea(at)))
-        if anatomy.shape.lens_pole is not None:
-            parts.append(zonular_fibers(anatomy, opening))
+    if anatomy.segment is not None:
+        parts += _front_of(anatomy, opening)
     return [part for part in parts if part is not None]
 
 
-def wall_of(eye, anatomy: Anatomy, opening: Opening) -> Part:
-    """The inner side of the wall, with places in the texture of the fundus; what the lens closes is left out."""
+def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
+    """What lies before the cavity of a parametric eye, but for the sclera."""
+    segment, at = anatomy.segment, opening.points
+    assert segment is not None
+    angle = np.linspace(0.0, segment.limbus, 60)
+    corner = np.linspace(segment.limbus, np.arctan2(ANGLE, segment.root), 10)
+    outer, inner = _arc(segment.outside(angle), angle), _arc(segment.inside(angle), angle)
+    parts: list[Part | None] = [
+        revolved("cornea", outer, opening), revolved("cornea", inner, opening),
+        revolved("sclera", np.stack([inner[-1], outer[-1]]), opening),
+        clipped(revolved("sclera", _arc(segment.inside(corner), corner), opening), anatomy.inside)]
+    parts += [opening.face(f"{name}_cut", getattr(anatomy, name)(at)) for name in ("cornea", "iris", "ciliary", "lens")]
+    if segment.filled:
+        return parts
+    leaf = in_mm(segment.iris())
+    for name, line in (("iris", leaf[:len(leaf) // 2 + 1]), ("iris_back", leaf[len(leaf) // 2:])):
+        parts.append(clipped(revolved(name, line, opening), lambda points: ROOT - anatomy.enclosed(points)))
+    parts[-2] = with_iris_places(parts[-2], MM * segment.pupil)
+    if segment.front < segment.root:
+        parts.append(ciliary_processes(anatomy, opening))
+    lens = anatomy.lens_outline()
+    if lens is not None:
+        parts.append(revolved("lens", lens, opening))
+    if segment.lens == "phakic":
+        parts.append(zonular_fibers(anatomy, opening))
+    elif segment.lens == "pseudophakic":
+        parts.append(haptics(anatomy, opening))
+    return parts
+
+
+def _arc(reach: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Line (n, 2), mm, by distance (m) from the center of the globe and angle from the optic axis."""
+    return MM * np.stack([reach * np.sin(angle), reach * np.cos(angle)], axis=-1)
+
+
+def revolved(name: str, line: np.ndarray, opening: Opening, ridges: np.ndarray | None = None) -> Part:
+    """The surface of a line (n, 2) that turns about the optic axis, in the half that stays.
+
+    Parameters
+    ----------
+    line : distance from the optic axis and height, mm.
+    ridges : (``TURNS`` + 1, n) by which the line is moved outward in every step of the turn, mm.
+    """
+    turn = opening.middle + np.linspace(-0.5 * np.pi, 0.5 * np.pi, TURNS + 1)[:, None]
+    across = line[:, 0] + (np.zeros((TURNS + 1, 1)) if ridges is None else ridges)
+    height = np.broadcast_to(line[:, 1], across.shape)
+    points = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
+    corner = np.arange(TURNS)[:, None] * len(line) + np.arange(len(line) - 1)
+    quads = np.stack([corner, corner + len(line), corner + len(line) + 1, corner + 1], axis=-1).reshape(-1, 4)
+    along, around = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    if ridges is None:
+        around = np.broadcast_to(np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-1), points.shape)
+    normals = np.cross(around, along).reshape(-1, 3)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return Part(name, points.reshape(-1, 3), triangles, normals)
+
+
+def with_iris_places(part: Part, pupil: float) -> Part:
+    """A part with places in the texture of the iris: around, and from the pupil (mm) to the root."""
+    outward, _ = in_meridian(part.points)
+    around = np.arctan2(part.points[:, 1], part.points[:, 0]) / (2.0 * np.pi)
+    share = np.clip((outward - pupil) / (MM * ANGLE - pupil), 0.0, 1.0)
+    return dataclasses.replace(part, places=np.stack([around, share], axis=1))
+
+
+def ciliary_processes(anatomy: Anatomy, opening: Opening) -> Part:
+    """The side of the ciliary body toward the lens: ridges of the outline of the section, with valleys between."""
+    line = in_mm(anatomy.segment.processes())
+    fine = np.linspace(0.0, len(line) - 1.0, 60)
+    line = np.stack([np.interp(fine, np.arange(len(line)), column) for column in line.T], axis=-1)
+    valley = np.maximum(np.linspace(line[0, 0], line[-1, 0], len(line)) - line[:, 0], 0.0)
+    low = 0.5 - 0.5 * np.cos(2.0 * PROCESSES * np.linspace(0.0, np.pi, TURNS + 1)[:, None])     # none on the cut
+    return clipped(revolved("ciliary", line, opening, low * valley), anatomy.inside)
+
+
+def walls_of(eye, anatomy: Anatomy, opening: Opening) -> list[Part]:
+    """The inner side of the wall, with places in the texture of the fundus, and the iris where it is part of it."""
     mesh = _mesh(MM * np.asarray(eye.points, float), eye.regular_faces)
     mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True, flip_normals=True)
-    if anatomy.shape is not None:
-        mesh.point_data["open"] = anatomy.pane(np.asarray(mesh.points, float))
-        mesh = mesh.clip_scalar(scalars="open", value=0.0, invert=False).triangulate()
-    part = part_of("wall", opening.kept(mesh))
-    part.places = fundus_places(part.points)
-    return part
+    wall = part_of("wall", opening.kept(mesh))
+    parts = [wall]
+    if anatomy.segment is not None:
+        parts = [clipped(wall, anatomy.pane)]
+        if anatomy.segment.filled:
+            iris = clipped(clipped(wall, lambda points: -anatomy.pane(points)), anatomy.on_cornea)
+            parts.append(with_iris_places(dataclasses.replace(iris, name="iris"), MM * anatomy.segment.pupil))
+    parts[0].places = fundus_places(parts[0].points)
+    return parts
 
 
 def fundus_places(points: np.ndarray) -> np.ndarray:
@@ -184,8 +259,9 @@ def optic_nerve(anatomy: Anatomy, disc: np.ndarray, opening: Opening) -> Part | 
         return None
     reach = np.linspace(0.0, 20.0, 400)[:, None] * disc
     start = reach[np.argmax(anatomy.inside(reach) > 0.0)]
-    nerve = pyvista.Cylinder(center=start + (0.5 * NERVE_LENGTH + CHOROID) * disc, direction=disc, radius=NERVE_RADIUS,
-                             height=NERVE_LENGTH, resolution=60).triangulate()
+    middle = start + (0.5 * NERVE_LENGTH + MM * CHOROID_END) * disc
+    nerve = pyvista.Cylinder(center=middle, direction=disc, radius=NERVE_RADIUS, height=NERVE_LENGTH,
+                             resolution=60).triangulate()
     return part_of("nerve", nerve.compute_normals(cell_normals=False, split_vertices=True))
 
 
@@ -193,15 +269,31 @@ def zonular_fibers(anatomy: Anatomy, opening: Opening) -> Part:
     """Fibers from the edge of the lens to the ciliary processes."""
     import pyvista
 
-    middle = np.arctan2(-opening.toward[1], -opening.toward[0])
+    fibers = [in_mm(fiber) for fiber in anatomy.segment.zonules()]
     places = []
-    for number, turn in enumerate(np.linspace(-0.5 * np.pi, 0.5 * np.pi, FIBERS)[1:-1]):
-        out = np.array([np.cos(middle + turn), np.sin(middle + turn), 0.0])
-        ends = ((4.35, 0.62), (CILIARY_TIP + 0.05, 0.9)) if number % 2 else ((4.5, 0.2), (CILIARY_TIP, 0.35))
-        places += [outward * out + [0.0, 0.0, anatomy.front + height] for outward, height in ends]
-    mesh = pyvista.line_segments_from_points(np.array(places)).tube(radius=FIBER_RADIUS, n_sides=5).triangulate()
-    mesh.clear_data()
-    return part_of("zonule", mesh.compute_normals(cell_normals=False, split_vertices=False))
+    for number, turn in enumerate(opening.middle + np.linspace(-0.5 * np.pi, 0.5 * np.pi, FIBERS)[1:-1]):
+        places += [[outward * np.cos(turn), outward * np.sin(turn), height]
+                   for outward, height in fibers[number * 2 % len(fibers)]]
+    return _tubes("zonule", pyvista.line_segments_from_points(np.array(places)), FIBER_RADIUS, opening)
+
+
+def haptics(anatomy: Anatomy, opening: Opening) -> Part:
+    """The two arms of an artificial lens, which lean outward from its edge to the bag of the lens."""
+    import pyvista
+
+    outward, height = in_mm(anatomy.segment.haptic()).T
+    share = np.linspace(0.0, 1.0, len(outward))
+    lines = []
+    for side in (0.0, np.pi):
+        turn = opening.middle - 0.25 * np.pi + side + HAPTIC_TURN * share**0.7
+        lines.append(pyvista.lines_from_points(np.stack([outward * np.cos(turn), outward * np.sin(turn), height], 1)))
+    return _tubes("haptic", lines[0].merge(lines[1]), HAPTIC_RADIUS, opening)
+
+
+def _tubes(name: str, lines, radius: float, opening: Opening) -> Part | None:
+    tubes = lines.tube(radius=radius, n_sides=8, capping=True).triangulate()
+    tubes.clear_data()
+    return half_of(name, tubes, opening)
 
 
 def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: bool = False) -> Liquids:
@@ -223,12 +315,17 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: 
     normals = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
     depth = MM * np.asarray(oil.point_data["depth"], float)
     touching = np.clip((NEAR_WALL - depth) / (NEAR_WALL - TOUCHING), 0.0, 1.0)
-    push = -APART if whole else PUSH
-    smooth.points = np.asarray(smooth.points) + push * touching[:, None] * np.asarray(normals.point_data["Normals"])
+    directions = np.asarray(normals.point_data["Normals"])
     if whole:
+        smooth.points = np.asarray(smooth.points) - APART * touching[:, None] * directions
         smooth = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
         return Liquids([part_of("glass", smooth)], left_out, {"oil_face": MM * np.asarray(oil.points).mean(axis=0)})
-    of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
+    push = np.full(len(depth), PUSH)
+    if anatomy.shape is not None:
+        push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
+    smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * directions
+    of_oil = _distance_on_plane(smooth, opening, inside < 1.0,
+                                folded=anatomy.shape is None or anatomy.shape.cornea is not None)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)
 
@@ -240,13 +337,19 @@ def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_ou
                    {name: opening.points[levels[name].argmin()] for name, face in faces.items() if face is not None})
 
 
-def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
-    """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked."""
+def _distance_on_plane(mesh, opening: Opening, where: np.ndarray, *, folded: bool) -> np.ndarray:
+    """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked.
+
+    ``folded`` is whether the surface may cross itself: one does that was pushed over an edge of the wall.
+    """
     import pyvista
 
     level = np.full(len(opening.points), 1e3)
     found = pyvista.PolyData(opening.points[where]).compute_implicit_distance(mesh)
     level[where] = np.asarray(found.point_data["implicit_distance"])
+    if folded:      # then the nearest triangle may be turned round
+        enclosed = found.select_interior_points(mesh, method="cell_locator", check_surface=False)
+        level[where] = np.abs(level[where]) * np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
     return level
 
 

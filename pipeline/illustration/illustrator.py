@@ -8,7 +8,7 @@ from pipeline.base.frame_files import FrameData
 from pipeline.base.palette import rgb
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture, pyvista_picture
-from pipeline.illustration.anatomy import MM, PUPIL, Anatomy
+from pipeline.illustration.anatomy import MM, Level, anatomy_of
 from pipeline.illustration.fundus import fundus_texture, iris_texture
 from pipeline.illustration.geometry import Liquids, Opening, Part, liquids_of, optic_nerve, parts_of_eye
 from pipeline.illustration.lettering import Name, lettered
@@ -20,7 +20,6 @@ from pipeline.pictures.marks import clock, pretty
 from pipeline.pictures.paint import paint_of
 from pipeline.pictures.section_panel import posture
 from pipeline.scenes.effects import does, droplets_of
-from pipeline.scenes.eye_shape import shape_of
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import globe_radius
 from sim.effects.effect import MIXES
@@ -50,12 +49,11 @@ class Illustrator:
 
         self.scene, self.style = scene, style
         distance = distance_of_mesh(trimesh.Trimesh(eye.points, eye.regular_faces, process=False), CELL, MARGIN)
-        shape = shape_of(scene.eye) if scene.eye.model == "parametric" else None
-        pupil = 0.5 * MM * scene.eye.pupil if scene.eye.anterior_chamber else PUPIL
-        self.anatomy, self.right_eye = Anatomy(distance, shape, pupil), scene.eye.side == "right"
+        self.anatomy, self.right_eye = anatomy_of(scene.eye, distance), scene.eye.side == "right"
         points = np.asarray(eye.points, float)
         globe = globe_radius(points)
-        back, front = points[:, 2].min(), points[:, 2].max() if shape is None else self.anatomy.apex / MM
+        segment = self.anatomy.segment
+        back, front = points[:, 2].min(), points[:, 2].max() if segment is None else segment.apex
         self.middle = MM * np.array([0.0, 0.0, 0.5 * (back + front)])
         self.toward = view_of(gravity, self.right_eye, self.middle).toward
         self.opening = Opening(self.toward, MM * max(REACH, 1.15 * float(np.abs(points).max()) + 2e-3))
@@ -109,15 +107,13 @@ class Illustrator:
             names.append(Name("Optic disc", self._on_wall(self.disc)))
         lower = across if self._down(across) else -across
         names.append(Name("Retina, choroid, sclera", self._on_wall(np.array([0.0, 0.0, -0.62]) + 0.78 * lower) * 1.04))
-        if anatomy.shape is not None:
-            upper, front = -lower, np.array([0.0, 0.0, anatomy.front])
-            names += [Name("Ciliary body", 7.1 * upper + front + [0.0, 0.0, 0.9]),
-                      Name("Iris", (4.0 if anatomy.shape.cornea is None else 6.0) * upper + front + [0.0, 0.0, 1.66]),
-                      Name("Cornea", 4.2 * lower + [0.0, 0.0, anatomy.apex - 1.45])]
-            if anatomy.shape.lens_pole is not None:
-                names.append(Name("Lens", np.array([0.0, 0.0, anatomy.front + 0.3])))
-            elif anatomy.shape.artificial_lens:
-                names.append(Name("Artificial lens", np.array([0.0, 0.0, anatomy.front + 0.45])))
+        if anatomy.segment is not None:
+            names += [Name("Ciliary body", self._within(anatomy.ciliary, -lower)),
+                      Name("Iris", self._within(anatomy.iris, -lower)),
+                      Name("Cornea", self._within(anatomy.cornea, lower))]
+            if anatomy.segment.lens != "aphakic":
+                names.append(Name("Lens" if anatomy.segment.lens == "phakic" else "Artificial lens",
+                                  self._within(anatomy.lens)))
         return names
 
     def _legend(self, liquids: Liquids) -> list[tuple]:
@@ -127,6 +123,11 @@ class Illustrator:
         colors = {"oil_face": oil, "aqueous_face": paint.bare}
         return [(tuple(int(part) for part in colors[face]), _capital(self._liquid_name(face)))
                 for face in colors if face in liquids.places]
+
+    def _within(self, level: Level, side: np.ndarray | None = None) -> np.ndarray:
+        """Place (3,), mm, on the cut that lies deepest in a part, on one side of the optic axis."""
+        points = self.opening.points if side is None else self.opening.points[self.opening.points @ side > 0.0]
+        return points[level(points).argmin()]
 
     def _down(self, way: np.ndarray) -> bool:
         """Whether a direction of the cut points down, or, where it is level, inferior or to the patient's right."""

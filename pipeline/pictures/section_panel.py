@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 from pipeline.pictures.anterior_segment import ANGLE, COATS, AnteriorSegment
 from pipeline.pictures.marks import FAINT_INK, INK, diamond, gravity_mark, write
 from pipeline.pictures.paint import OF_OIL, Paint
-from pipeline.pictures.slice_panel import SCLERA, SCLERA_END, Fields, SlicePanel
+from pipeline.pictures.slice_panel import SCLERA, Fields, SlicePanel
 from pipeline.scenes.retina import ORA
 
 LENS, CAPSULE = (178, 187, 200), (104, 112, 126)
@@ -84,7 +84,7 @@ class SectionPanel(SlicePanel):
         outside, inside = away - eye.outside(angle), away - eye.inside(angle)
         cornea = np.clip((eye.limbus - angle) / np.radians(4.0) + 0.5, 0.0, 1.0)    # it goes over into the sclera
         behind = angle > np.pi - np.radians(ORA)
-        before = z > min(eye.front, eye.iris_plane) - 0.5e-3
+        before = (z > min(eye.front, eye.iris_plane) - 0.5e-3) & ~behind
         shell = self.cover(np.where(before, np.maximum(outside, -inside), outside))
         self.paint_over(shell, SCLERA)
         self.paint_over(self.cover(np.maximum(outside, -inside)) * cornea, CORNEA)
@@ -92,24 +92,23 @@ class SectionPanel(SlicePanel):
         there = np.where(z > 0.0, self.cover(outside), 1.0)
         self.paint_coats(behind, CILIARY, there * self.cover(ANGLE - np.where(z > eye.front, np.abs(y), 1.0)))
         self.paint_over(self.cover(inside) * before, CHAMBER)
+        room = self.cover(inside)
         if eye.filled:
-            self.paint_over(self.cover(inside) * before, IRIS)
-        else:
-            self._paint_front(eye, y, z, inside, before)
-        rim = np.minimum(outside, np.where(z > 0.0, 1.0, self.distance - SCLERA_END))
+            self.paint_over(room * (z > 0.0) * ~behind, IRIS)
+        self.paint_over(room * ~behind * self.areas(self._both(eye.ciliary_body())), CILIARY)
+        if not eye.filled:
+            self._paint_front(eye, y, z, inside)
+        rim = np.minimum(outside, np.where(z > 0.0, 1.0, self.distance - COATS))
         self.paint_line(rim, max(0.08e-3, 1.2 / self.scale), FAINT_INK)
 
-    def _paint_front(self, eye: AnteriorSegment, y: np.ndarray, z: np.ndarray, inside: np.ndarray,
-                     before: np.ndarray) -> None:
-        """Paint ciliary body, fibers, lens and iris."""
-        def both(outline):
-            across, height = outline
-            return [self.pixel(side * across, height) for side in (1.0, -1.0)]
+    def _both(self, outline) -> list:
+        """Pixels of an outline on either side of the optic axis."""
+        across, height = outline
+        return [self.pixel(side * across, height) for side in (1.0, -1.0)]
 
-        thin = max(1.0, 0.09e-3 * self.scale)
-        room = self.cover(inside)
-        beside = before * (np.abs(y) > ANGLE - 0.1e-3) * self.cover(z - eye.root + 0.2e-3)
-        self.paint_over(room * np.maximum(beside, self.areas(both(eye.ciliary_body()))), CILIARY)
+    def _paint_front(self, eye: AnteriorSegment, y: np.ndarray, z: np.ndarray, inside: np.ndarray) -> None:
+        """Paint fibers, lens and iris."""
+        both, thin = self._both, max(1.0, 0.09e-3 * self.scale)
         if eye.lens == "phakic":
             for fiber in eye.zonules():
                 self.paint_over(0.8 * self.strokes(both(fiber), 0.7 * thin), ZONULE)
@@ -120,11 +119,8 @@ class SectionPanel(SlicePanel):
             for capsule in eye.bag():
                 self.paint_over(self.strokes(both(capsule), 0.8 * thin), ZONULE)
             self.paint_over(self.strokes(both(eye.haptic()), 1.6 * thin), CAPSULE)
-            across, height = eye.implant()
-            outline = [self.pixel(across, height)]
-            self.paint_over(self.areas(outline), IMPLANT)
-            self.paint_over(self.strokes([(np.append(x, x[:1]), np.append(y, y[:1])) for x, y in outline], 1.3 * thin),
-                            CAPSULE)
+            self.paint_over(self.areas(both(eye.implant())), IMPLANT)
+            self.paint_over(self.strokes(both(eye.implant()), 1.3 * thin), CAPSULE)
         # Its root reaches a bit into the wall.
         self.paint_over(self.areas(both(eye.iris())) * self.cover(inside - 0.25e-3), IRIS)
 
@@ -162,10 +158,10 @@ class CoronalPanel(SlicePanel):
 
     def __init__(self, fields: Fields, side: int, paint: Paint, *, known: bool):
         y, x = fields.reach()
-        scale = 0.86 * side / (max(np.ptp(y), np.ptp(x)) + 2.0 * SCLERA_END)
+        scale = 0.86 * side / (max(np.ptp(y), np.ptp(x)) + 2.0 * COATS)
         super().__init__(fields, (side, side), middle=(0.5 * side, 0.5 * side), center=(y.mean(), x.mean()),
                          scale=scale, mirrored=False, paint=paint)
-        rim = self.distance - SCLERA_END
+        rim = self.distance - COATS
         if known:
             self.paint_coats()
             self.paint_line(rim, max(0.08e-3, 1.2 / scale), FAINT_INK)

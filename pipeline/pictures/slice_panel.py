@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 from skimage.measure import find_contours
 
+from pipeline.pictures.anterior_segment import CHOROID_END, COATS, RETINA_END
 from pipeline.pictures.marks import INK, OVERSAMPLING
 from pipeline.pictures.paint import OF_OIL, Paint
 
@@ -19,7 +20,6 @@ DROPLET_COLORS = (colormaps["magma"](np.linspace(0.35, 0.85, 256))[:, :3] * 255.
 DROPLET_RANGE = (1e-8, 1e-3)
 DROPLET_TICKS = ("0.01", "0.1", "1", "10", "100", "1000")       # parts per million
 SCLERA, CHOROID, RETINA, WALL = (226, 222, 216), (92, 44, 42), (217, 130, 107), (182, 156, 148)
-RETINA_END, CHOROID_END, SCLERA_END = 0.22e-3, 0.42e-3, 0.85e-3     # m outside the cavity, drawn
 KNOWN = 0.95                    # of the largest distance to the wall in a file
 WALL_END = 0.7e-3               # m, of a user's mesh, whose wall is not known
 
@@ -105,7 +105,7 @@ class SlicePanel:
 
         Where there is no ``retina``, the color ``front`` stands for what goes on before it.
         """
-        for end, color in ((SCLERA_END, SCLERA), (CHOROID_END, CHOROID), (RETINA_END, RETINA)):
+        for end, color in ((COATS, SCLERA), (CHOROID_END, CHOROID), (RETINA_END, RETINA)):
             self.paint_over(there * self.cover(self.distance - end), color)
         self.paint_over(np.where(retina, 0.0, there * self.cover(self.distance - CHOROID_END)), front)
 

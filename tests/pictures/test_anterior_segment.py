@@ -30,7 +30,7 @@ def test_cornea_goes_over_into_the_sclera_without_a_step(eye):
 
 def test_iris_and_ciliary_body_are_before_the_cavity_and_behind_the_cornea(eye):
     segment, shape = anterior_segment(eye), shape_of(eye)
-    for across, height in (segment.iris(), segment.ciliary_body()):
+    for across, height in (segment.iris(), segment.processes()):
         assert (np.hypot(across, height) < segment.outside(np.arctan2(across, height))).all()
     iris = in_section(segment.iris())
     assert (shape.level(iris) > -0.05e-3).all()

@@ -11,33 +11,42 @@ from pipeline import illustrate, still, turntable
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture
-from pipeline.illustration.anatomy import Anatomy
+from pipeline.illustration.anatomy import MM, anatomy_of, in_meridian, in_mm, polygon_level
 from pipeline.illustration.fundus import SIZE, fundus_texture
-from pipeline.illustration.geometry import Opening, fundus_places, liquids_of
+from pipeline.illustration.geometry import Liquids, Opening, fundus_places, liquids_of, parts_of_eye
 from pipeline.illustration.illustrator import Illustrator
 from pipeline.illustration.lettering import spread
 from pipeline.illustration.style import Style, chosen_renderer
 from pipeline.illustration.view import view_of
+from pipeline.pictures.anterior_segment import ANGLE, anterior_segment
 from pipeline.pictures.fundus_map import disc_direction
-from pipeline.scenes.eye_shape import eye_mesh, eye_shape
+from pipeline.scenes.eye_shape import eye_mesh, shape_of
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Buckle, Eye
 
 SIDEWAYS = np.array([-1.0, 0.0, 0.0])
 SMALL = (160, 90)
 
 
-def cavity(shape):
+def of_eye(**options):
+    """Anatomy and surface (m) of an eye."""
     import pyvista
 
-    mesh = eye_mesh(shape)
-    return mesh, pyvista.make_tri_mesh(mesh.vertices, mesh.faces)
+    eye = Eye(**options)
+    mesh = eye_mesh(shape_of(eye))
+    return anatomy_of(eye, distance_of_mesh(mesh, 0.4e-3, 1.6e-3)), pyvista.make_tri_mesh(mesh.vertices, mesh.faces)
 
 
 @pytest.fixture(scope="module")
 def eye():
     """Anatomy and surface (m) of the default eye."""
-    mesh, surface = cavity(eye_shape())
-    return Anatomy(distance_of_mesh(mesh, 0.4e-3, 1.6e-3), eye_shape()), surface
+    return of_eye()
+
+
+def pyvista_mesh(part):
+    import pyvista
+
+    return pyvista.make_tri_mesh(part.points, part.triangles)
 
 
 def half_full(height=0.0):
@@ -66,16 +75,49 @@ def test_layers_of_the_wall_lie_on_each_other_and_do_not_overlap(eye):
 
 
 @pytest.mark.parametrize("options", [
-    {"lens": "phakic"}, {"lens": "pseudophakic"}, {"lens": "aphakic"}, {"lens": "aphakic", "pupil": 6e-3}])
+    {"lens": "phakic"}, {"lens": "pseudophakic"}, {"lens": "aphakic"}, {"lens": "aphakic", "anterior_chamber": True}])
 def test_every_eye_has_a_cornea_before_its_iris_before_its_lens(options):
-    mesh, _ = cavity(eye_shape(**options))
-    anatomy = Anatomy(distance_of_mesh(mesh, 0.4e-3, 1.6e-3), eye_shape(**options))
+    anatomy, _ = of_eye(**options)
     axis = np.stack([np.zeros(600), np.zeros(600), np.linspace(0.0, 14.0, 600)], axis=1)
     beside = axis + np.array([0.0, 4.0, 0.0])
     cornea, iris, lens = (axis[level < 0.0, 2] for level in (
         anatomy.cornea(axis), anatomy.iris(beside), anatomy.lens(axis)))
-    assert cornea.max() == pytest.approx(anatomy.apex, abs=0.03) and iris.size and iris.max() < cornea.min()
+    assert cornea.max() == pytest.approx(MM * anatomy.segment.apex, abs=0.03)
+    assert iris.size and iris.max() < cornea.min()
     assert lens.size == 0 if options["lens"] == "aphakic" else lens.min() < iris.min()
+
+
+@pytest.mark.parametrize("options, toward", [
+    ({}, SIDEWAYS), ({"buckle": Buckle(height=2e-3)}, [0.0, 1.0, 0.0]), ({"lens": "pseudophakic"}, SIDEWAYS),
+    ({"lens": "aphakic", "axial_length": 0.030}, [0.0, 1.0, 0.0])])
+def test_an_illustration_is_cut_where_the_section_has_its_outlines(options, toward):
+    anatomy, surface = of_eye(**options)
+    segment, angle = anterior_segment(Eye(**options)), np.linspace(0.0, np.pi, 2000)
+    angle = angle[angle < segment.limbus]
+    arcs = [MM * reach(angle)[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+            for reach in (segment.outside, segment.inside)]
+    outlines = {"cornea_cut": np.concatenate([arcs[0], arcs[1][::-1]]), "iris_cut": in_mm(segment.iris())}
+    if segment.lens != "aphakic":
+        outlines["lens_cut"] = in_mm(segment.own_lens() if segment.lens == "phakic" else segment.implant())
+    parts = {part.name: part for part in parts_of_eye(surface, anatomy, Opening(np.array(toward), 16.0))}
+    for name, outline in outlines.items():
+        face = pyvista_mesh(parts[name]).extract_feature_edges(
+            feature_edges=False, manifold_edges=False, non_manifold_edges=False)
+        edge = np.stack(in_meridian(np.asarray(face.points)), axis=-1)
+        off = np.abs(polygon_level(edge, outline)), np.linalg.norm(outline[:, None] - edge, axis=-1).min(axis=1)
+        for points, found in zip((edge, outline), off, strict=True):        # the root of the iris is in the wall
+            assert found[points[:, 0] < MM * ANGLE - 0.4].max() < 0.1, name
+
+
+def test_names_point_at_their_parts(eye):
+    anatomy, surface = eye
+    scene = load_scene("config/scenes/tamponade.yaml", "draft")
+    illustrator = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL))
+    names = {name.text: name.place for name in illustrator._names(Liquids([]))}
+    for text, level in {"Cornea": anatomy.cornea, "Iris": anatomy.iris, "Lens": anatomy.lens,
+                        "Ciliary body": anatomy.ciliary}.items():
+        assert level(names[text][None]) < -0.05 and abs(names[text] @ SIDEWAYS) < 1e-6, text
+    assert names["Lens"][1] == pytest.approx(0.0, abs=0.15)
 
 
 def test_the_face_of_the_oil_is_where_the_oil_is(eye):
