@@ -1,0 +1,34 @@
+"""Make the tables of the explorer: shapes of least energy for all directions of gravity and fills.
+
+A direction that was finished is kept, so that the same command goes on where it was stopped.
+"""
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.base.cli import run
+from pipeline.base.progress import progress
+from pipeline.explorer.cases import FILLS, eyes, tamponades
+from pipeline.explorer.shapes import Cavities
+from pipeline.explorer.table import FOLDER, directions, make, path_of
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the stage; see ``--help``."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.explorer_tables", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=FOLDER, help=f"folder of the tables (default: {FOLDER})")
+    parser.add_argument("--cache", type=Path, default=Path("outputs/explorer/directions"),
+                        help="folder of directions made before (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    missing = [(length, eye, name, one) for length, eye in eyes().items() for name, one in tamponades().items()
+               if not path_of(length, name, options.output).is_file()]
+    with progress(len(missing) * len(list(directions())) * len(FILLS), "oil at rest", unit="shape") as bar:
+        for length, eye, name, tamponade in missing:
+            bar.set_postfix_str(f"{length} mm, {tamponade.words}")
+            cache = options.cache / f"{length}mm_{name}"
+            make(Cavities(eye), tamponade, cache, bar.update).write(path_of(length, name, options.output))
+
+
+if __name__ == "__main__":
+    run(main)
