@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.progress import progress
 from pipeline.explorer.cases import FILLS, eyes, tamponades
+from pipeline.explorer.errors import check
 from pipeline.explorer.shapes import Cavities
 from pipeline.explorer.table import FOLDER, directions, make, path_of
 
@@ -20,6 +21,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, default=FOLDER, help=f"folder of the tables (default: {FOLDER})")
     parser.add_argument("--cache", type=Path, default=Path("outputs/explorer/directions"),
                         help="folder of directions made before (default: %(default)s)")
+    parser.add_argument("--check", type=int, metavar="COUNT",
+                        help="also compute so many random settings anew, to tell how far the tables are off there")
     options = parser.parse_args(arguments)
     missing = [(length, eye, name, one) for length, eye in eyes().items() for name, one in tamponades().items()
                if not path_of(length, name, options.output).is_file()]
@@ -28,6 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             bar.set_postfix_str(f"{length} mm, {tamponade.words}")
             cache = options.cache / f"{length}mm_{name}"
             make(Cavities(eye), tamponade, cache, bar.update).write(path_of(length, name, options.output))
+    if options.check:
+        with progress(options.check, "random settings", unit="setting") as bar:
+            check(options.check, options.output, bar.update)
 
 
 if __name__ == "__main__":

@@ -72,28 +72,38 @@ def shape_at(cavities: Cavities, tamponade: Tamponade, meridian: float, tilt: fl
     meridian, tilt : degrees, of the place of the retina that the tamponade goes to.
     """
     toward = direction(np.array([meridian]), np.array([tilt]))[0]
-    down = tamponade.toward(toward)  # up where it floats: the sign that turns one into the other turns it back
-    coarse = cavities.seen(toward, fill, COARSE)
-    first = at_rest(coarse, tamponade.liquids, down, fill)
-    second = at_rest(coarse, tamponade.liquids, down, fill, coarse.radius)
-    fine = cavities.seen(toward, fill, DRAFT)
-    rests = [at_rest(fine, tamponade.liquids, down, fill)]
-    if not rests[0].settled or _unlike(first, second):
-        rests.append(at_rest(fine, tamponade.liquids, down, fill, fine.radius))
-    rests = sorted((rest for rest in rests if rest.settled), key=lambda rest: rest.energy)
+    down, coarse = tamponade.toward(toward), cavities.seen(toward, fill, COARSE)
+    plain, rests = rests_at(cavities, tamponade, toward, fill)
     if not rests:
         return None
-    least, plain = Contact.of(rests[0]), min((first, second), key=lambda rest: (not rest.settled, rest.energy))
+    least = Contact.of(rests[0])
     others = [(Contact.of(at_rest(coarse, dataclasses.replace(tamponade.liquids, contact_angle=angle), down, fill,
                                   plain.distance)), Contact.of(plain)) for angle in tamponade.other_angles]
     pairs = [*others, *((Contact.of(rest), least) for rest in rests[1:])]
-    changes = np.array([np.zeros(4), *(_parts(one) - _parts(reference) for one, reference in pairs)])
+    changes = np.array([np.zeros(4), *(parts_of(one) - parts_of(reference) for one, reference in pairs)])
     shifts = np.array([0.0, *(_shift(one, reference) for one, reference in pairs)])
-    return Shape(_field(least, meridian), _gaps(rests[0], meridian), _parts(least), -changes.min(axis=0),
+    return Shape(_field(least, meridian), _gaps(rests[0], meridian), parts_of(least), -changes.min(axis=0),
                  changes.max(axis=0), np.array([-shifts.min(), shifts.max()]))
 
 
-def _parts(contact: Contact) -> np.ndarray:
+def rests_at(cavities: Cavities, tamponade: Tamponade, toward: np.ndarray, fill: float) -> tuple[Rest, list[Rest]]:
+    """Return the shape that few directions find, and those of more directions, the one with least energy first.
+
+    Starts: the tamponade drawn together and, where few directions tell the shapes apart, the tamponade at the wall.
+    """
+    down = tamponade.toward(toward)  # up where it floats: what turns one into the other turns it back
+    coarse, fine = (cavities.seen(toward, fill, cuts) for cuts in (COARSE, DRAFT))
+    first = at_rest(coarse, tamponade.liquids, down, fill)
+    second = at_rest(coarse, tamponade.liquids, down, fill, coarse.radius)
+    rests = [at_rest(fine, tamponade.liquids, down, fill)]
+    if not rests[0].settled or _unlike(first, second):
+        rests.append(at_rest(fine, tamponade.liquids, down, fill, fine.radius))
+    return (min((first, second), key=lambda rest: (not rest.settled, rest.energy)),
+            sorted((rest for rest in rests if rest.settled), key=lambda rest: rest.energy))
+
+
+def parts_of(contact: Contact) -> np.ndarray:
+    """Return the covered shares (4,) of ``PARTS``."""
     found = shares(contact)
     return np.array([found[part] for part in PARTS])
 
@@ -101,7 +111,7 @@ def _parts(contact: Contact) -> np.ndarray:
 def _unlike(one: Rest, other: Rest) -> bool:
     if not (one.settled and other.settled):
         return True
-    return bool(np.abs(_parts(Contact.of(one)) - _parts(Contact.of(other))).max() > UNLIKE)
+    return bool(np.abs(parts_of(Contact.of(one)) - parts_of(Contact.of(other))).max() > UNLIKE)
 
 
 def _shift(one: Contact, reference: Contact) -> float:

@@ -1,0 +1,142 @@
+"""Shapes between those of a table, as the page finds them too (``model.js``); a test holds both to the same numbers.
+
+Directions: an eye that is its own mirror image, left and right, up and down, needs a quarter of them. Around the axis
+the wall differs from a body of revolution as the cosine and the sine of twice the azimuth, which three azimuths tell.
+"""
+import dataclasses
+import functools
+
+import numpy as np
+
+from pipeline.cavity.rays import interpolation
+from pipeline.cavity.regions import MACULA_RADIUS
+from pipeline.equilibrium.contact import positive_share
+from pipeline.equilibrium.star_cavity import StarCavity
+from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS
+from pipeline.explorer.table import REACH, SHARE_STEP, SHIFT_STEP, Table
+from pipeline.scenes.retina import ORA, direction
+
+STEP = LATITUDES[1] - LATITUDES[0]      # degrees, of latitudes and meridians
+
+
+@dataclasses.dataclass(frozen=True)
+class Looked:
+    """What a table says of a direction and a fill.
+
+    Attributes
+    ----------
+    margin : (latitudes, meridians), m, in the frame of the eye. low, high : (4,) of shares. shift : (2,), m.
+    """
+
+    margin: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    shift: np.ndarray
+
+
+def look_up(table: Table, toward: np.ndarray, fill: float) -> Looked | None:
+    """Return what lies between the shapes around a direction (3,) and a fill; None where one of them was not found."""
+    meridian = np.degrees(np.arctan2(toward[0], toward[1])) % 360.0
+    tilt = np.degrees(np.arccos(np.clip(-toward[2] / np.linalg.norm(toward), -1.0, 1.0)))
+    azimuth = min(meridian % 180.0, 180.0 - meridian % 180.0)
+    margin, doubt = np.zeros((len(LATITUDES), len(MERIDIANS))), np.zeros(10)
+    for one, of_tilt in _between(tilt, TILTS):
+        for two, of_azimuth in zip(range(len(AZIMUTHS)), _of_azimuths(azimuth), strict=True):
+            for three, of_fill in _between(_unfilled(fill), _unfilled(np.array(FILLS))):
+                weight = of_tilt * of_azimuth * of_fill
+                if weight == 0.0:
+                    continue
+                if not table.margin[one, two, three].any():
+                    return None
+                margin += weight * table.margin[one, two, three]
+                doubt += weight * table.doubt[one, two, three]
+    if meridian % 180.0 > 90.0:
+        margin = margin[:, -np.arange(len(MERIDIANS))]
+    doubt = np.maximum(doubt, 0.0)
+    low, high = SHARE_STEP * doubt[:4], SHARE_STEP * doubt[4:8]
+    if toward[1] < 0.0:  # the tables are of a tamponade that goes up
+        low, high = low[[0, 2, 1, 3]], high[[0, 2, 1, 3]]
+    return Looked(_turned(REACH * (margin - 128.0) / 127.0, meridian), low, high, SHIFT_STEP * doubt[8:])
+
+
+def _unfilled(fill):
+    """What fills are interpolated over: about the width of what is left to the aqueous."""
+    return -np.sqrt(1.0 - fill)
+
+
+def _between(value: float, nodes: np.ndarray) -> list[tuple[int, float]]:
+    """The two nodes around a value, and their weights."""
+    index = int(np.clip(np.searchsorted(nodes, value, side="right") - 1, 0, len(nodes) - 2))
+    share = float(np.clip((value - nodes[index]) / (nodes[index + 1] - nodes[index]), 0.0, 1.0))
+    return [(index, 1.0 - share), (index + 1, share)]
+
+
+def _of_azimuths(azimuth: float) -> np.ndarray:
+    """Weights (3,) of ``AZIMUTHS``."""
+    cosine, sine = np.cos(np.radians(2.0 * azimuth)), np.sin(np.radians(2.0 * azimuth))
+    return np.array([0.5 + 0.5 * cosine - 0.5 * sine, sine, 0.5 - 0.5 * cosine - 0.5 * sine])
+
+
+def _turned(field: np.ndarray, meridian: float) -> np.ndarray:
+    """A field whose meridians count from one, degrees, with meridians that count from 12 o'clock."""
+    place = (MERIDIANS - meridian) / STEP
+    column = np.floor(place).astype(int)
+    share = place - column
+    return (1.0 - share) * field[:, column % len(MERIDIANS)] + share * field[:, (column + 1) % len(MERIDIANS)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Chart:
+    """The retina of an eye on the grid of a field, as triangles.
+
+    Attributes
+    ----------
+    radius : (latitudes, meridians), m, distance of the wall from the center of the globe.
+    """
+
+    radius: np.ndarray
+
+    @classmethod
+    def of(cls, cavity: StarCavity) -> "Chart":
+        """Read the wall of a cavity."""
+        return cls(wall_radius(cavity, LATITUDES, MERIDIANS))
+
+    def shares(self, margin: np.ndarray) -> np.ndarray:
+        """Return the covered shares (4,) of the retina, its superior and inferior half, and the macula."""
+        last = int(ORA / STEP)
+        area, covered = self._bands(margin, LATITUDES[:last + 1])
+        upper = np.cos(np.radians(MERIDIANS + 0.5 * STEP)) > 0.0
+        around, touched = self._bands(margin, [*LATITUDES[self._macula > LATITUDES], self._macula])
+        return np.array([covered.sum() / area.sum(), covered[:, upper].sum() / area[:, upper].sum(),
+                         covered[:, ~upper].sum() / area[:, ~upper].sum(), touched.sum() / around.sum()])
+
+    @functools.cached_property
+    def _macula(self) -> float:
+        return float(np.degrees(np.arcsin(MACULA_RADIUS / self.radius[0].mean())))
+
+    def _bands(self, margin: np.ndarray, latitudes) -> tuple[np.ndarray, np.ndarray]:
+        """Area and covered area of the cells between latitudes, (bands, meridians) each, m2."""
+        rows, share = np.floor(np.array(latitudes) / STEP).astype(int), (np.array(latitudes) / STEP % 1.0)[:, None]
+        around, down = np.meshgrid(MERIDIANS, latitudes)
+        radius, margin = (one[rows] * (1.0 - share) + one[rows + 1] * share for one in (self.radius, margin))
+        point = radius[..., None] * direction(around.ravel(), down.ravel()).reshape(*around.shape, 3)
+        corner = [(one, np.roll(one, -1, axis=1)) for one in (point, margin)]
+        (here, after), (value, next_value) = corner
+        area = covered = 0.0
+        for triangle, values in (((here[:-1], here[1:], after[1:]), (value[:-1], value[1:], next_value[1:])),
+                                 ((here[:-1], after[1:], after[:-1]), (value[:-1], next_value[1:], next_value[:-1]))):
+            size = 0.5 * np.linalg.norm(np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]), axis=-1)
+            area, covered = area + size, covered + size * _positive(values)
+        return area, covered
+
+
+def wall_radius(cavity: StarCavity, latitudes: np.ndarray, meridians: np.ndarray) -> np.ndarray:
+    """Distances (latitudes, meridians), m, of the wall from the center of the globe."""
+    around, down = np.meshgrid(meridians, latitudes)
+    corners, weights = interpolation(cavity.wall, cavity.faces, direction(around.ravel(), down.ravel()))
+    return np.linalg.norm((cavity.wall[corners] * weights[..., None]).sum(axis=1), axis=1).reshape(around.shape)
+
+
+def _positive(values: tuple[np.ndarray, ...]) -> np.ndarray:
+    corners = np.stack(values, axis=-1)
+    return positive_share(corners.reshape(-1, 3)).reshape(corners.shape[:-1])
