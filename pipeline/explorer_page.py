@@ -1,4 +1,4 @@
-"""Make the explorer: one page in which fill, posture and oil are moved, and what the oil at rest touches is seen at once.
+"""Make the explorer: one page in which a surgeon moves fill, posture and oil, and sees at once what the oil touches.
 
     python -m pipeline.explorer_page --output outputs/explorer.html
 

@@ -3,6 +3,7 @@ import dataclasses
 
 import numpy as np
 
+from pipeline.base.palette import GAS, OIL
 from pipeline.equilibrium.rest import Liquids
 from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
@@ -11,7 +12,8 @@ FILLS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
 TILTS = np.arange(0.0, 181.0, 15.0)         # degrees from the posterior pole to where the tamponade floats or sinks
 AZIMUTHS = (0.0, 45.0, 90.0)                # degrees of the meridian of that place: the others are mirror images
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
-AXIAL_LENGTHS = (24e-3,)                    # m, of the eyes; the first is shown first
+#: Tables: length of the eye in mm, and tamponade. The first is shown first.
+TABLES = (("24", "light"), ("24", "heavy"), ("24", "gas"), ("22", "light"), ("26", "light"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,11 +22,12 @@ class Tamponade:
 
     Attributes
     ----------
-    words : for readers.
+    words : for readers. color : in pictures.
     liquids : what decides where it rests. other_angles : contact angles that are possible too, rad.
     """
 
     words: str
+    color: str
     liquids: Liquids
     other_angles: tuple[float, ...]
 
@@ -39,14 +42,15 @@ def tamponades() -> dict[str, Tamponade]:
     aqueous = materials[settings.other_liquid].density
 
     def oil(words: str, name: str) -> Tamponade:
-        return Tamponade(words, Liquids(aqueous - materials[name].density, settings.tension, settings.contact_angle),
-                         settings.other_angles)
+        liquids = Liquids(aqueous - materials[name].density, settings.tension, settings.contact_angle)
+        return Tamponade(words, OIL, liquids, settings.other_angles)
 
     gas = Liquids(aqueous - materials["air"].density, 0.072, float(np.radians(38.8)))
     return {"light": oil("light oil", "silicone_oil_1000"), "heavy": oil("heavy oil", "heavy_oil_densiron_68"),
-            "gas": Tamponade("gas", gas, (float(np.radians(30.0)), float(np.radians(43.0))))}
+            "gas": Tamponade("gas", GAS, gas, (float(np.radians(30.0)), float(np.radians(43.0))))}
 
 
 def eyes() -> dict[str, Eye]:
     """Return the eyes by their length in mm."""
-    return {f"{1e3 * length:g}": Eye(axial_length=length) for length in AXIAL_LENGTHS}
+    lengths = sorted({length for length, _ in TABLES}, key=float)
+    return {length: Eye(axial_length=1e-3 * float(length)) for length in lengths}

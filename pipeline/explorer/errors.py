@@ -14,7 +14,7 @@ from pipeline.base.files import write_text
 from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import at_rest, refined_start
 from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
-from pipeline.explorer.cases import FILLS, eyes, tamponades
+from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
 from pipeline.explorer.lookup import Chart, look_up
 from pipeline.explorer.shapes import PARTS, Cavities, parts_of, rests_at
 from pipeline.explorer.table import FOLDER, Table, path_of
@@ -79,9 +79,9 @@ class Errors:
         off = 100.0 * np.abs(self.off)
         lines = [(name, f"{np.sqrt((one**2).mean()):.2f}", f"{np.percentile(one, USUAL):.1f}", f"{one.max():.1f}")
                  for name, one in zip(PARTS, off.T, strict=True)]
-        return [page.paragraph(f"{len(self.rows)} random settings, with any direction of gravity, were computed anew with "
-                               "10,242 directions; the differences to what this page shows, in percentage points:"),
-                page.table(("part of the retina", "root mean square", f"{USUAL:.0f} % of them within", "largest"), lines)]
+        return [page.paragraph(f"{len(self.rows)} random settings, with any direction of gravity, were computed again "
+                               "with 10,242 directions; how far this page is off, in percentage points:"),
+                page.table(("part of the retina", "root mean square", f"{USUAL:.0f} % within", "largest"), lines)]
 
 
 def check(count: int, folder: Path, advance: Callable[[float], object]) -> Errors:
@@ -89,16 +89,20 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
     found, random, kinds = Errors.read(folder), np.random.default_rng(SEED), tamponades()
     known = {tuple(row[:5]) for row in found.rows}
     cavities = {length: Cavities(eye) for length, eye in eyes().items()}
+    there = [case for case in TABLES if path_of(*case, folder).is_file()]
+    if not there:
+        raise UserError(f"{folder} holds no tables to check; make them with python -m pipeline.explorer_tables")
     for number in range(count):
-        length, name = list(eyes())[number % len(eyes())], list(kinds)[number % len(kinds)]
+        length, name = there[number % len(there)]
         pitch, roll = np.degrees(np.arcsin(random.uniform(-1.0, 1.0))).round(1), round(random.uniform(-180.0, 180.0), 1)
         fill = round(random.uniform(FILLS[0], FILLS[-1]), 3)
-        path, setting = path_of(length, name, folder), (length, name, f"{100 * fill:g}", f"{pitch:g}", f"{roll:g}")
+        setting, toward = ((length, name, f"{100 * fill:g}", f"{pitch:g}", f"{roll:g}"),
+                           kinds[name].toward(down_of(pitch, roll)))
         advance(1)
-        if setting in known or not path.is_file():
+        if setting in known:
             continue
-        toward = kinds[name].toward(down_of(pitch, roll))
-        looked, rests = look_up(Table.read(path), toward, fill), rests_at(cavities[length], kinds[name], toward, fill)[1]
+        looked = look_up(Table.read(path_of(length, name, folder)), toward, fill)
+        rests = rests_at(cavities[length], kinds[name], toward, fill)[1]
         if looked is None or not rests:
             continue
         fine = cavities[length].seen(toward, fill, FINE)
@@ -107,6 +111,4 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
         pairs = zip(shown, parts_of(Contact.of(rest)), strict=True)
         found.rows.append([*setting, *(f"{100 * value:.2f}" for pair in pairs for value in pair)])
         found.write(folder)
-    if not found.rows:
-        raise UserError(f"{folder} holds no tables to check; make them with python -m pipeline.explorer_tables")
     return found

@@ -66,11 +66,24 @@ function readLink(text, start, known) {
       said.push(`The link sets "${name.slice(0, 60)}", which this page does not know: it is left out.`);
     }
   }
+  const missing = withoutTable(found, known);
+  if (missing) {
+    said.push(missing.said);
+    found.eye = missing.eye;
+  }
   if (found.tear && within(found.tear, known) !== found.tear.latitude) {
     said.push("The break of the link reaches beyond the ora serrata: it is shown farther back.");
     found.tear.latitude = within(found.tear, known);
   }
   return {found, said};
+}
+
+// Where there is no table of a tamponade in an eye: what is said, and an eye that has one.
+function withoutTable(set, known) {
+  if (known.eyes.find(one => one.name === set.eye).tables[set.tamponade]) return null;
+  const eye = known.eyes.find(one => one.tables[set.tamponade]), {words} = known.tamponades[set.tamponade];
+  if (!eye) return {eye: set.eye, said: `There is no table of ${words}.`};
+  return {eye: eye.name, said: `There is no table of ${words} for an eye of ${set.eye} mm: an eye of ${eye.name} mm is shown.`};
 }
 
 // The latitude of a break that ends at the ora serrata at the latest.
@@ -153,7 +166,9 @@ async function showExplorer(known) {
 
   function change(changes) {
     set = {...set, ...changes};
-    said = [];
+    const missing = withoutTable(set, known);
+    said = missing ? [missing.said] : [];
+    if (missing) set.eye = missing.eye;
     redraw();
   }
   function redraw() {
@@ -179,7 +194,7 @@ async function showExplorer(known) {
     }
     root.classList.remove("without");
     find(".answer").textContent = `${kind.words[0].toUpperCase()}${kind.words.slice(1)}, ${+set.fill.toFixed(1)} % of the cavity, `
-      + `${posture}: touches ${percent(looked.shares[0])} % of the retina.`;
+      + `${posture}: touches ${percent(looked.shares[0])} % of the retina`;
     looked.shares.forEach((share, k) => {
       const row = find(".shares").children[k], error = known.shareErrors[k];
       const [low, high] = [Math.max(share - looked.low[k] - error, 0), Math.min(share + looked.high[k] + error, 1)];
@@ -194,7 +209,8 @@ async function showExplorer(known) {
       const made = surfaces[set.eye] = surfaces[set.eye] || eyeSurfaces(model, known, eye);
       shape.orient(turnOf(set));
       head.orient(turnOf(set));
-      shape.replace(0, made.tamponade(looked.gap(), looked.margin, toward, fill, color(set.tamponade)));
+      shape.replace(0, made.tamponade(looked.gap(), looked.margin, toward, fill, color(set.tamponade).map(
+        (part, k) => 0.7 * part + 0.3 * known.colors.aqueous[k])));
       shape.replace(1, made.wall(looked.margin, color(set.tamponade), known.colors.aqueous));
       shape.replace(2, made.tear(tear, known.colors.tear));
     }
@@ -213,9 +229,13 @@ async function showExplorer(known) {
     const {tear} = set, verdict = find(".verdict"), body = find(".needed tbody");
     find(".with-break").hidden = !tear;
     verdict.className = "verdict";
-    if (!tear) return;
+    if (!tear) {
+      find(".answer").append(".");
+      return;
+    }
     const points = model.pointsOf(tear), margin = model.beyond(looked.margin, points), mm = value => (1e3 * value).toFixed(1);
     const [low, high] = [margin - doubt[0], margin + doubt[1]], far = 1e3 * known.reach, where = tearWords(tear, set.side === "right");
+    find(".answer").append(margin > 0 ? "; the break is covered." : "; the break is not covered.");
     const sure = low > 0 || high < 0, covered = margin > 0;
     verdict.classList.add(sure ? (covered ? "yes" : "no") : "maybe");
     const reach = Math.abs(margin) > 0.98 * known.reach ? `more than ${far - 0.5} mm`
@@ -359,5 +379,5 @@ async function showExplorer(known) {
 
 if (typeof module !== "undefined") {
   Object.assign(globalThis, require("./model.js"));
-  module.exports = {readLink, linkOf, postureWords, neededWords, fillWords};
+  module.exports = {readLink, linkOf, withoutTable, postureWords, neededWords, fillWords};
 }

@@ -9,7 +9,7 @@ function fundusMap(canvas, model, known) {
   function pixels(size) {
     if (sizes && sizes.size === size) return sizes;
     const small = size / (window.devicePixelRatio || 1) < 260, unit = size / 100;
-    const scale = (0.5 * size - (small ? 1.5 : 6) * unit) / front, inside = [], x = [], y = [];
+    const scale = (0.5 * size - (small ? 8 : 6) * unit) / front, inside = [], x = [], y = [];
     for (let row = 0; row < size; row++) {
       for (let column = 0; column < size; column++) {
         const [right, up] = [column + 0.5 - 0.5 * size, 0.5 * size - row - 0.5], angle = Math.hypot(right, up) / scale;
@@ -93,6 +93,7 @@ function fundusMap(canvas, model, known) {
       pen.lineTo(...place([30 * hour, front]));
       pen.stroke();
       if (!small) write(hour, place([30 * hour, front + 3.2 * unit / scale]), 3.6 * unit, text);
+      else if (hour % 3 === 0) write(hour, place([30 * hour, front + 4.2 * unit / scale]), 6.5 * unit, text);
     }
     circle(front, faint, 0.3 * unit);
     const disc = place([right ? 90 - eye.disc[1] : 270 + eye.disc[1], eye.disc[0]]);

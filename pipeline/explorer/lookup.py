@@ -122,7 +122,7 @@ class Chart:
         point = radius[..., None] * direction(around.ravel(), down.ravel()).reshape(*around.shape, 3)
         corner = [(one, np.roll(one, -1, axis=1)) for one in (point, margin)]
         (here, after), (value, next_value) = corner
-        area = covered = 0.0
+        area, covered = np.zeros(here[1:].shape[:2]), np.zeros(here[1:].shape[:2])
         for triangle, values in (((here[:-1], here[1:], after[1:]), (value[:-1], value[1:], next_value[1:])),
                                  ((here[:-1], after[1:], after[:-1]), (value[:-1], next_value[1:], next_value[:-1]))):
             size = 0.5 * np.linalg.norm(np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]), axis=-1)

@@ -13,12 +13,12 @@ from PIL import ImageColor
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.palette import AQUEOUS, GAS, OIL
+from pipeline.base.palette import AQUEOUS, OIL
 from pipeline.base.words import NO_ADVICE
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
-from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS, Tamponade, eyes, tamponades
+from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.errors import Errors
 from pipeline.explorer.lookup import wall_radius
 from pipeline.explorer.shapes import BEND, REACH, Cavities
@@ -41,8 +41,9 @@ TITLE = "What does the oil touch?"
 PARTS = ("whole retina", "superior half", "inferior half", "macula")
 WANTED = 0.5e-3             # m, that the tamponade must reach beyond a break
 # Words, how far the face is raised and how far the right ear is lowered, degrees.
-POSTURES = (("upright", 0, 0), ("on the back, head up 30°", 60, 0), ("on the back", 90, 0), ("on the left side", 0, -90),
-            ("on the right side", 0, 90), ("face down 45°", -45, 0), ("face down", -90, 0))
+POSTURES = (("upright", 0, 0), ("on the back, head up 30°", 60, 0), ("on the back", 90, 0),
+            ("on the left side", 0, -90), ("on the right side", 0, 90), ("face down 45°", -45, 0),
+            ("face down", -90, 0))
 START = {"fill": 85, "tamponade": "light", "side": "right", "pitch": 0, "roll": 0,
          "tear": {"hour": 6, "latitude": 60, "width": 1, "height": 10}}
 NO_WEBGL = "This browser has no WebGL, so this view is missing. Everything else works."
@@ -64,7 +65,7 @@ def page_of(folder: Path = FOLDER) -> str:
         fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}", wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL,
         tear=f"rgb{BREAK_COLOR}")
     text = page.page(TITLE, [
-        page.paragraph("Oil or gas at rest, in an average eye with its own lens: move the fill, the head and the break. ",
+        page.paragraph("Oil or gas at rest in an average eye with its own lens. Move the fill, the head and the break.",
                        page.bold(NO_ADVICE)),
         Markup(body), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
         page.details("What this rests on", page.bullets(_assumed(known)), page.section("How far the tables are off"),
@@ -88,10 +89,10 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
         "shiftStep": SHIFT_STEP, "towardReach": REACH, "towardBend": BEND, "wanted": WANTED, "lineError": UNCERTAIN,
         "fillError": FILL_ERROR, "shareErrors": errors.usual, "largestFill": settings.largest_fill, "eyes": found,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
-                              "color": ImageColor.getrgb(GAS if name == "gas" else OIL)} for name, one in kinds.items()},
+                              "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},
         "colors": {"aqueous": ImageColor.getrgb(AQUEOUS), "ink": INK, "faint": FAINT_INK, "tear": BREAK_COLOR},
         "postures": [{"words": words, "pitch": pitch, "roll": roll} for words, pitch, roll in POSTURES],
-        "start": START | {"eye": found[0]["name"]}, "views": EYE_VIEWS, "view": EYE_VIEW,
+        "start": START | {"eye": _first(found)}, "views": EYE_VIEWS, "view": EYE_VIEW,
         "axes": [(name, [1.12 * part for part in place]) for name, place in EYE_AXES.items()], "without": NO_WEBGL,
     }
 
@@ -115,6 +116,12 @@ def _eye(name: str, eye: Eye, kinds: Mapping[str, Tamponade], folder: Path) -> d
     }
 
 
+def _first(found: list[dict[str, Any]]) -> str:
+    """The eye that is shown first: that of ``TABLES``, or one that there is."""
+    names = [one["name"] for one in found]
+    return TABLES[0][0] if TABLES[0][0] in names else names[0]
+
+
 def _differences(field: np.ndarray) -> np.ndarray:
     """The same with every number but the first of a row less the one before it, in eight bits: fewer bytes packed."""
     return np.concatenate([field[..., :1], np.diff(field, axis=-1)], axis=-1)
@@ -128,15 +135,16 @@ def _packed(*arrays: np.ndarray) -> str:
 def _assumed(known: dict[str, Any]) -> list[str]:
     kinds = "; ".join(
         f"{one.words}: densities differ by {abs(one.liquids.density_difference):g} kg/m3, tension "
-        f"{1e3 * one.liquids.tension:g} mN/m, contact angle {np.degrees(one.liquids.contact_angle):.3g} degrees through "
-        f"the aqueous ({' and '.join(f'{np.degrees(angle):.3g}' for angle in one.other_angles)} for the range)"
+        f"{1e3 * one.liquids.tension:g} mN/m, contact angle {np.degrees(one.liquids.contact_angle):.3g} degrees "
+        f"through the aqueous ({' and '.join(f'{np.degrees(angle):.3g}' for angle in one.other_angles)} for the range)"
         for one in tamponades().values())
     volumes = ", ".join(f"{one['name']} mm long, {one['volume']:.2f} mL behind the lens" for one in known["eyes"])
     return [
-        f"Eye: an average one with its own lens ({volumes}); clock hours as an observer sees them who faces the patient.",
+        f"Eye: an average one with its own lens ({volumes}).",
+        "Clock hours are those that an observer sees who faces the patient.",
         f"{kinds[0].upper()}{kinds[1:]}. Viscosity does not matter at rest.",
-        "The tamponade is one body at rest, the retina is attached, and aqueous wets the rest of the wall. Of two shapes "
-        "at rest the one with less energy is shown, and the range holds both where both were found.",
+        "The tamponade is one body at rest, the retina is attached, and aqueous wets the rest of the wall. Of two "
+        "shapes at rest the one with less energy is shown, and the range holds both where both were found.",
         f"Shapes of least energy were computed at {len(FILLS)} fills and {len(TILTS)} angles between gravity and the "
         "axis of the eye, at three azimuths each; what is shown lies between them.",
     ]

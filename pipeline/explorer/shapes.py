@@ -50,18 +50,19 @@ class Cavities:
         self._level = levels_of(eye)[0]
         coarse = cavity_of(eye, COARSE)
         self.middle, self.globe = coarse.viewpoint, globe_radius(coarse.wall)
+        self._seen: dict[int, StarCavity] = {}
 
     def viewpoint(self, toward: np.ndarray, fill: float) -> np.ndarray:
         """Return the point (3,), m, from which a tamponade that goes toward a direction is seen."""
         return self.middle + REACH * self.globe * (1.0 - fill) ** BEND * toward
 
-    @functools.lru_cache(maxsize=64)
-    def _seen_from(self, viewpoint: tuple[float, ...], cuts: int) -> StarCavity:
-        return StarCavity.of_level(self._level, np.array(viewpoint), cuts)
-
     def seen(self, toward: np.ndarray, fill: float, cuts: int) -> StarCavity:
-        """Return the cavity seen from there."""
-        return self._seen_from(tuple(self.viewpoint(toward, fill)), cuts)
+        """Return the cavity seen from there; the last one of every number of cuts is kept."""
+        viewpoint = self.viewpoint(toward, fill)
+        kept = self._seen.get(cuts)
+        if kept is None or not np.array_equal(kept.viewpoint, viewpoint):
+            kept = self._seen[cuts] = StarCavity.of_level(self._level, viewpoint, cuts)
+        return kept
 
 
 def shape_at(cavities: Cavities, tamponade: Tamponade, meridian: float, tilt: float, fill: float) -> Shape | None:

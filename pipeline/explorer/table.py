@@ -1,4 +1,4 @@
-"""The table of shapes of one eye and one tamponade: made direction by direction, kept in eight bits, read by the page."""
+"""The table of shapes of one eye and one tamponade: made direction by direction, and kept in eight bits."""
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterator
@@ -45,15 +45,15 @@ class Table:
         margin, gap, doubt, shares = [], [], [], []
         for one in shapes:
             if one is None:
-                margin.append(np.zeros(size)), gap.append(np.zeros(size)), doubt.append(np.zeros(10))
-                shares.append(np.full(4, np.nan))
-                continue
-            margin.append(128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0))
-            gap.append(255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)))
-            doubt.append(np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, one.shift / SHIFT_STEP]))
-            shares.append(one.shares)
-        return cls(*(np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8) for values in (margin, gap, doubt)),
-                   np.array(shares, np.float32))
+                packed = (np.zeros(size), np.zeros(size), np.zeros(10), np.full(len(PARTS), np.nan))
+            else:
+                packed = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
+                          255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
+                          np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, one.shift / SHIFT_STEP]),
+                          one.shares)
+            for values, value in zip((margin, gap, doubt, shares), packed, strict=True):
+                values.append(value)
+        return cls(_eight_bits(margin), _eight_bits(gap), _eight_bits(doubt), np.array(shares, np.float32))
 
     def write(self, path: Path) -> None:
         """Write the table by rename."""
@@ -74,6 +74,10 @@ class Table:
         except (OSError, ValueError, TypeError) as error:
             raise UserError(f"{path} is damaged ({error}); remove it, and make it again with "
                             "python -m pipeline.explorer_tables") from error
+
+
+def _eight_bits(values: list[np.ndarray]) -> np.ndarray:
+    return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)
 
 
 def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:
@@ -99,7 +103,8 @@ def make(cavities: Cavities, tamponade: Tamponade, folder: Path, advance: Callab
     for tilt, azimuth in directions():
         path = folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
         if not path.is_file():
-            Table.of([shape_at(cavities, tamponade, AZIMUTHS[azimuth], TILTS[tilt], fill) for fill in FILLS]).write(path)
+            shapes = [shape_at(cavities, tamponade, AZIMUTHS[azimuth], TILTS[tilt], fill) for fill in FILLS]
+            Table.of(shapes).write(path)
         found[tilt, azimuth] = Table.read(path)
         advance(len(FILLS))
     for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
@@ -114,5 +119,3 @@ def _turned(table: Table, azimuth: float) -> Table:
     return dataclasses.replace(table, margin=np.roll(table.margin, step, axis=-1),
                                gap=np.roll(table.gap, step, axis=-1))
 
-
-assert len(PARTS) == 4
