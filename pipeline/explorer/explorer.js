@@ -193,8 +193,8 @@ async function showExplorer(known) {
       return;
     }
     root.classList.remove("without");
-    find(".answer").textContent = `${kind.words[0].toUpperCase()}${kind.words.slice(1)}, ${+set.fill.toFixed(1)} % of the cavity, `
-      + `${posture}: touches ${percent(looked.shares[0])} % of the retina`;
+    find(".answer").textContent = `${kind.words[0].toUpperCase()}${kind.words.slice(1)}, ${+set.fill.toFixed(1)} %, ${posture}: `
+      + `${percent(looked.shares[0])} % of the retina touched`;
     looked.shares.forEach((share, k) => {
       const row = find(".shares").children[k], error = known.shareErrors[k];
       const [low, high] = [Math.max(share - looked.low[k] - error, 0), Math.min(share + looked.high[k] + error, 1)];
@@ -235,13 +235,14 @@ async function showExplorer(known) {
     }
     const points = model.pointsOf(tear), margin = model.beyond(looked.margin, points), mm = value => (1e3 * value).toFixed(1);
     const [low, high] = [margin - doubt[0], margin + doubt[1]], far = 1e3 * known.reach, where = tearWords(tear, set.side === "right");
-    find(".answer").append(margin > 0 ? "; the break is covered." : "; the break is not covered.");
     const sure = low > 0 || high < 0, covered = margin > 0;
+    const said = `${covered ? "covered" : "not covered"}${sure ? "" : ", but not surely"}`;
+    find(".answer").append(`; the break is ${said}.`);
     verdict.classList.add(sure ? (covered ? "yes" : "no") : "maybe");
     const reach = Math.abs(margin) > 0.98 * known.reach ? `more than ${far - 0.5} mm`
       : `${mm(Math.abs(margin))} mm`;
     verdict.replaceChildren(
-      element("b", sure ? (covered ? "Covered" : "Not covered") : covered ? "Just covered, not surely" : "Just not covered, not surely"),
+      element("b", said[0].toUpperCase() + said.slice(1)),
       element("span", covered ? `The ${kind.words} reaches ${reach} beyond the break at ${where}.`
         : `The ${kind.words} ends ${reach} short of the farthest edge of the break at ${where}.`));
     const needed = model.smallestFill(table, toward, points, known.wanted);
@@ -312,7 +313,7 @@ async function showExplorer(known) {
     }
     find(".now").textContent = now;
     find(".key i").style.background = `rgb(${color(set.tamponade)})`;
-    find(".key span").textContent = known.tamponades[set.tamponade].words;
+    find(".key .kind").textContent = known.tamponades[set.tamponade].words;
   }
   for (const choice of root.querySelectorAll("input[type=radio]")) {
     choice.addEventListener("change", () => change({[choice.name]: choice.value}));

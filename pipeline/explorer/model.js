@@ -106,13 +106,36 @@ function explorerModel(known) {
             shift: [8, 9].map(k => known.shiftStep * sure[k])};
   }
 
-  // A value of a field at a meridian and a latitude.
+  // A value of a field, or of one with twice the rows and columns, at a meridian and a latitude.
   function at(values, meridian, latitude) {
-    const [x, y] = [turned(meridian, 360) / step, clamp(latitude / step, 0, rows - 1)];
-    const row = Math.min(Math.floor(y), rows - 2), column = Math.floor(x) % columns, next = (column + 1) % columns;
+    const many = values.length === size ? columns : 2 * columns, width = 360 / many;
+    const [x, y] = [turned(meridian, 360) / width, clamp(latitude / width, 0, many / 2)];
+    const row = Math.min(Math.floor(y), many / 2 - 1), column = Math.floor(x) % many, next = (column + 1) % many;
     const [across, down] = [x - Math.floor(x), y - row];
-    const of = k => (1 - across) * values[k * columns + column] + across * values[k * columns + next];
+    const of = k => (1 - across) * values[k * many + column] + across * values[k * many + next];
     return (1 - down) * of(row) + down * of(row + 1);
+  }
+
+  // A field with twice the rows and columns, as smooth as cubics make it.
+  function doubled(values) {
+    const many = 2 * columns, found = new Float32Array(many * (2 * rows - 1));
+    for (let row = 0; row < rows; row++) {
+      for (let column = 0; column < columns; column++) {
+        const [a, b, c, d] = [-1, 0, 1, 2].map(k => values[row * columns + (column + k + columns) % columns]);
+        found[2 * row * many + 2 * column] = b;
+        found[2 * row * many + 2 * column + 1] = (9 * (b + c) - a - d) / 16;
+      }
+    }
+    // Beyond a pole the rows go on at the opposite meridian.
+    const of = (row, column) => row < 0 ? found[-2 * row * many + (column + columns) % many]
+      : row >= rows ? found[2 * (2 * (rows - 1) - row) * many + (column + columns) % many] : found[2 * row * many + column];
+    for (let row = 0; row < rows - 1; row++) {
+      for (let column = 0; column < many; column++) {
+        const [a, b, c, d] = [-1, 0, 1, 2].map(k => of(row + k, column));
+        found[(2 * row + 1) * many + column] = (9 * (b + c) - a - d) / 16;
+      }
+    }
+    return found;
   }
 
   // Share of a triangle in which a linear function is positive.
@@ -219,7 +242,7 @@ function explorerModel(known) {
     });
   }
 
-  return {eyeOf, lookUp, at, pointsOf, beyond, smallestFill, rows, columns, step};
+  return {eyeOf, lookUp, at, doubled, pointsOf, beyond, smallestFill, rows, columns, step};
 }
 
 if (typeof module !== "undefined") module.exports = {explorerModel, gravity, direction, clamp, turned, radians};

@@ -17,7 +17,7 @@ from pipeline.base.palette import AQUEOUS, OIL
 from pipeline.base.words import NO_ADVICE
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.equilibrium.checked import CHECKED
-from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
+from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.errors import Errors
 from pipeline.explorer.lookup import wall_radius
@@ -110,10 +110,16 @@ def _eye(name: str, eye: Eye, kinds: Mapping[str, Tamponade], folder: Path) -> d
         "half": float(0.53 * (high - low).max()), "volume": 1e6 * cavity.volume,
         "macula": float(np.degrees(np.arcsin(MACULA_RADIUS / globe))),
         "disc": [float(np.degrees(DISC_DISTANCE / globe)), -DISC_RISE, float(np.degrees(DISC_RADIUS / globe))],
-        "wall": _packed(wall_radius(cavity, LATITUDES, MERIDIANS).astype("<f4")),
+        "wall": _packed(wall_radius(cavity_of(eye, FINE), *_twice(LATITUDES, MERIDIANS)).astype("<f4")),
         "tables": {kind: _packed(_differences(table.margin), _differences(table.gap), table.doubt)
                    for kind, table in tables.items()},
     }
+
+
+def _twice(latitudes: np.ndarray, meridians: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Twice as many latitudes and meridians."""
+    step = 0.5 * (latitudes[1] - latitudes[0])
+    return step * np.arange(2 * len(latitudes) - 1), step * np.arange(2 * len(meridians))
 
 
 def _first(found: list[dict[str, Any]]) -> str:

@@ -60,17 +60,18 @@ function eyeSurfaces(model, known, eye) {
 
   return {
     wall(margin, covered, bare) {
-      const toLine = grid.map(([meridian, latitude]) => model.at(margin, meridian, latitude) / 1e-3);
+      const toLine = Array.from(model.doubled(margin), one => one / 1e-3);
       return packedMesh(walls, around, true, covered, bare, toLine);
     },
 
     // The surface of the tamponade where it leaves the wall, up to the contact line.
     tamponade(gap, margin, toward, fill, color) {
+      const gaps = model.doubled(gap), fine = model.doubled(margin);
       const away = known.towardReach * eye.globe * (1 - fill) ** known.towardBend;
       const point = eye.middle.map((part, k) => part + away * toward[k]), toLine = [];
       const points = rays.map((ray, k) => {
-        const wall = wallFrom(point, ray), distance = Math.max(wall - model.at(gap, ...grid[k]), 0);
-        toLine.push(-model.at(margin, ...placeOf(point.map((part, j) => part + wall * ray[j]))) / 1e-3);
+        const wall = wallFrom(point, ray), distance = clamp(wall - gaps[k], 0, wall);
+        toLine.push(-model.at(fine, ...placeOf(point.map((part, j) => part + wall * ray[j]))) / 1e-3);
         return ray.map((part, j) => point[j] + distance * part);
       });
       const cells = cellsOf(rows, columns, corners => corners.some(k => toLine[k] > 0));
