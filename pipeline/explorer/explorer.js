@@ -34,7 +34,7 @@ function readLink(text, start, known) {
     }
     const shown = clamp(read, low, high);
     if (shown !== read) {
-      said.push(`The link asks for ${read}${unit} (${words}), but ${low} to ${high} is possible: ${shown}${unit} is shown.`);
+      said.push(`The link asks for ${read}${unit} as the ${words}, but it must be ${low} to ${high}: ${shown}${unit} is shown.`);
     }
     return shown;
   };
@@ -236,15 +236,15 @@ async function showExplorer(known) {
     const points = model.pointsOf(tear), margin = model.beyond(looked.margin, points), mm = value => (1e3 * value).toFixed(1);
     const [low, high] = [margin - doubt[0], margin + doubt[1]], far = 1e3 * known.reach, where = tearWords(tear, set.side === "right");
     const sure = low > 0 || high < 0, covered = margin > 0;
-    const said = `${covered ? "covered" : "not covered"}${sure ? "" : ", but not surely"}`;
+    const said = sure ? covered ? "covered" : "not covered" : "borderline", unsure = sure ? "" : ", within what is uncertain";
     find(".answer").append(`; the break is ${said}.`);
     verdict.classList.add(sure ? (covered ? "yes" : "no") : "maybe");
     const reach = Math.abs(margin) > 0.98 * known.reach ? `more than ${far - 0.5} mm`
       : `${mm(Math.abs(margin))} mm`;
     verdict.replaceChildren(
       element("b", said[0].toUpperCase() + said.slice(1)),
-      element("span", covered ? `The ${kind.words} reaches ${reach} beyond the break at ${where}.`
-        : `The ${kind.words} ends ${reach} short of the farthest edge of the break at ${where}.`));
+      element("span", covered ? `The ${kind.words} reaches ${reach} beyond the break at ${where}${unsure}.`
+        : `The ${kind.words} ends ${reach} short of the farthest edge of the break at ${where}${unsure}.`));
     const needed = model.smallestFill(table, toward, points, known.wanted);
     find(".smallest").replaceChildren("Smallest fill that covers it in this posture: ", element("b", neededWords(needed, known)),
       needed && needed[0] > known.largestFill ? `. More than ${percent(known.largestFill)} % is hardly got in.` : ".");

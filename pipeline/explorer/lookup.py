@@ -2,6 +2,7 @@
 
 Directions: an eye that is its own mirror image, left and right, up and down, needs a quarter of them. Around the axis
 the wall differs from a body of revolution as the cosine and the sine of twice the azimuth, which three azimuths tell.
+Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
 import functools
@@ -74,7 +75,7 @@ def _between(value: float, nodes: np.ndarray) -> list[tuple[int, float]]:
 def _of_azimuths(azimuth: float) -> np.ndarray:
     """Weights (3,) of ``AZIMUTHS``."""
     cosine, sine = np.cos(np.radians(2.0 * azimuth)), np.sin(np.radians(2.0 * azimuth))
-    return np.array([0.5 + 0.5 * cosine - 0.5 * sine, sine, 0.5 - 0.5 * cosine - 0.5 * sine])
+    return np.array([0.5 + 0.5 * cosine - 0.5 * sine, sine, 0.5 - 0.5 * cosine - 0.5 * sine])  # (R10)
 
 
 def _turned(field: np.ndarray, meridian: float) -> np.ndarray:

@@ -58,6 +58,23 @@ function eyeSurfaces(model, known, eye) {
     return near;
   }
 
+  // The same field with less of the steps of eight bits; what lies at the wall stays there.
+  function evened(field) {
+    const {rows, columns} = model;
+    return Float32Array.from(field, (value, k) => {
+      const row = Math.floor(k / columns), column = k % columns;
+      if (value < 5e-5 || row === 0 || row === rows - 1) return value;
+      let sum = 0, weights = 0;
+      for (let r = -1; r <= 1; r++) for (let c = -1; c <= 1; c++) {
+        const other = field[(row + r) * columns + (column + c + columns) % columns], weight = (2 - Math.abs(r)) * (2 - Math.abs(c));
+        if (other < 5e-5) continue;
+        sum += weight * other;
+        weights += weight;
+      }
+      return sum / weights;
+    });
+  }
+
   return {
     wall(margin, covered, bare) {
       const toLine = Array.from(model.doubled(margin), one => one / 1e-3);
@@ -66,7 +83,7 @@ function eyeSurfaces(model, known, eye) {
 
     // The surface of the tamponade where it leaves the wall, up to the contact line.
     tamponade(gap, margin, toward, fill, color) {
-      const gaps = model.doubled(gap), fine = model.doubled(margin);
+      const gaps = model.doubled(evened(evened(gap))), fine = model.doubled(margin);
       const away = known.towardReach * eye.globe * (1 - fill) ** known.towardBend;
       const point = eye.middle.map((part, k) => part + away * toward[k]), toLine = [];
       const points = rays.map((ray, k) => {

@@ -131,7 +131,7 @@ def test_the_page_finds_the_smallest_fill_of_a_plan(known, tmp_path, place, post
                     {"known": known, "pitch": pitch, "roll": roll,
                      "tear": {"hour": int(hour), "latitude": int(latitude), "width": 1, "height": 10}}, tmp_path)
     plan = plan_fill(place, "1h,10deg", oils=["silicone_oil_1000"], postures=[posture])
-    assert found[0] == pytest.approx(plan.answers[0].fill, abs=0.02)
+    assert max(found[0], 0.5) == pytest.approx(plan.answers[0].fill, abs=0.02)  # a plan begins at 50 %
     assert found[1] <= found[0] <= found[2]
 
 
