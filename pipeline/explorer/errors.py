@@ -15,9 +15,11 @@ from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import at_rest, refined_start
 from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
 from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
-from pipeline.explorer.lookup import Chart, look_up
+from pipeline.explorer.chart import Chart
+from pipeline.explorer.lookup import look_up
 from pipeline.explorer.shapes import PARTS, Cavities, parts_of, rests_at
 from pipeline.explorer.table import FOLDER, Table, path_of
+from pipeline.scenes.value_files import down_in_head
 
 FILE = "errors.csv"
 HEADS = ("eye [mm]", "tamponade", "fill [%]", "pitch [deg]", "roll [deg]",
@@ -28,9 +30,8 @@ SEED = 20
 
 
 def down_of(pitch: float, roll: float) -> np.ndarray:
-    """Direction of gravity (3,) in a head whose face was raised and whose right ear was lowered, degrees (G8)."""
-    p, r = np.radians([pitch, roll])
-    return np.array([-np.cos(p) * np.sin(r), -np.cos(p) * np.cos(r), -np.sin(p)])
+    """Direction of gravity (3,) in a head whose face was raised and whose right ear was then lowered, degrees."""
+    return down_in_head(*np.radians([pitch, roll]))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -48,7 +48,7 @@ function readLink(text, start, known) {
       found[name] = value;
     } else if (choice) {
       said.push(`The link names "${value}" as ${choice.words}, which is not here: ${choice.names[found[name]].words} is shown. `
-        + `There is: ${Object.keys(choice.names).join(", ")}.`);
+        + `Possible: ${Object.keys(choice.names).join(", ")}.`);
     } else if (range) {
       found[name] = of(value, range, found[name]);
     } else if (name === "break" && value === "none") {
@@ -228,6 +228,7 @@ async function showExplorer(known) {
   function showTear(eye, table, kind, looked, toward, doubt) {
     const {tear} = set, verdict = find(".verdict"), body = find(".needed tbody");
     find(".with-break").hidden = !tear;
+    find(".without-break").hidden = Boolean(tear);
     verdict.className = "verdict";
     if (!tear) {
       find(".answer").append(".");
@@ -312,7 +313,7 @@ async function showExplorer(known) {
       button.setAttribute("aria-pressed", String(button.textContent === now));
     }
     find(".now").textContent = now;
-    find(".key i").style.background = `rgb(${color(set.tamponade)})`;
+    root.style.setProperty("--tamponade", `rgb(${color(set.tamponade)})`);
     find(".key .kind").textContent = known.tamponades[set.tamponade].words;
   }
   for (const choice of root.querySelectorAll("input[type=radio]")) {

@@ -19,8 +19,8 @@ from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
+from pipeline.explorer.chart import wall_radius
 from pipeline.explorer.errors import Errors
-from pipeline.explorer.lookup import wall_radius
 from pipeline.explorer.shapes import BEND, REACH, Cavities
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH

@@ -9,7 +9,7 @@ import functools
 import numpy as np
 
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.contact import NO_LINE, Contact, shares
+from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Rest, at_rest
 from pipeline.equilibrium.star_cavity import COARSE, DRAFT, StarCavity, cavity_of, icosphere, levels_of
 from pipeline.explorer.cases import LATITUDES, MERIDIANS, Tamponade
@@ -19,7 +19,6 @@ from pipeline.scenes.retina import direction, globe_radius
 PARTS = ("retina", "superior", "inferior", "macula")
 REACH, BEND = 0.75, 0.8     # of the viewpoint toward the tamponade, over the radius of the globe, at no fill
 UNLIKE = 0.005              # of the covered retina, from which two shapes are two
-NEAR_LINE = 3e-3            # m from the contact line, where other contact angles are compared
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +31,6 @@ class Shape:
         positive where the tamponade touches.
     gap : (latitudes, meridians), m, between tamponade and wall, around the viewpoint.
     shares : of ``PARTS``, (4,). low, high : what they may be less and more, (4,), with another contact angle or shape.
-    shift : (2,), m, by which the contact line may lie nearer to the tamponade, and beyond.
     """
 
     margin: np.ndarray
@@ -40,7 +38,6 @@ class Shape:
     shares: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    shift: np.ndarray
 
 
 class Cavities:
@@ -82,9 +79,8 @@ def shape_at(cavities: Cavities, tamponade: Tamponade, meridian: float, tilt: fl
                                   plain.distance)), Contact.of(plain)) for angle in tamponade.other_angles]
     pairs = [*others, *((Contact.of(rest), least) for rest in rests[1:])]
     changes = np.array([np.zeros(4), *(parts_of(one) - parts_of(reference) for one, reference in pairs)])
-    shifts = np.array([0.0, *(_shift(one, reference) for one, reference in pairs)])
     return Shape(_field(least, meridian), _gaps(rests[0], meridian), parts_of(least), -changes.min(axis=0),
-                 changes.max(axis=0), np.array([-shifts.min(), shifts.max()]))
+                 changes.max(axis=0))
 
 
 def rests_at(cavities: Cavities, tamponade: Tamponade, toward: np.ndarray, fill: float) -> tuple[Rest, list[Rest]]:
@@ -113,12 +109,6 @@ def _unlike(one: Rest, other: Rest) -> bool:
     if not (one.settled and other.settled):
         return True
     return bool(np.abs(parts_of(Contact.of(one)) - parts_of(Contact.of(other))).max() > UNLIKE)
-
-
-def _shift(one: Contact, reference: Contact) -> float:
-    """How far a contact line lies beyond another, on the average along it, m."""
-    near = (np.abs(reference.margin) < NEAR_LINE) & (np.abs(one.margin) < NO_LINE)
-    return float((one.margin - reference.margin)[near].mean()) if near.any() else 0.0
 
 
 def _grid(meridian: float) -> np.ndarray:

@@ -64,14 +64,13 @@ function eyeSurfaces(model, known, eye) {
     return Float32Array.from(field, (value, k) => {
       const row = Math.floor(k / columns), column = k % columns;
       if (value < 5e-5 || row === 0 || row === rows - 1) return value;
-      let sum = 0, weights = 0;
+      let sum = 0;
       for (let r = -1; r <= 1; r++) for (let c = -1; c <= 1; c++) {
-        const other = field[(row + r) * columns + (column + c + columns) % columns], weight = (2 - Math.abs(r)) * (2 - Math.abs(c));
-        if (other < 5e-5) continue;
-        sum += weight * other;
-        weights += weight;
+        const other = field[(row + r) * columns + (column + c + columns) % columns];
+        if (other < 5e-5) return value;
+        sum += (2 - Math.abs(r)) * (2 - Math.abs(c)) * other / 16;
       }
-      return sum / weights;
+      return sum;
     });
   }
 

@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS, Tamponade
+from pipeline.explorer.chart import Chart
 from pipeline.explorer.shapes import PARTS, Cavities, Shape, shape_at
 from pipeline.scenes.load import PROJECT_CONFIG
 
@@ -29,7 +30,8 @@ class Table:
     ----------
     margin : (..., latitudes, meridians) uint8: 1 to 255 mean -``REACH`` to ``REACH``.
     gap : (..., latitudes, meridians) uint8: the root of gap over ``DEEPEST``, in 255 steps.
-    doubt : (..., 10) uint8: what shares may be less (4) and more (4), and the shifts of the line (2).
+    doubt : (..., 10) uint8: what shares may be less (4) and more (4), and how far the contact line lies back and beyond
+        then (2), which ``with_shifts`` fills in.
     shares : (..., 4) float32, covered shares of ``PARTS`` of the shapes themselves.
     """
 
@@ -49,11 +51,20 @@ class Table:
             else:
                 packed = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
                           255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
-                          np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, one.shift / SHIFT_STEP]),
+                          np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
                           one.shares)
             for values, value in zip((margin, gap, doubt, shares), packed, strict=True):
                 values.append(value)
         return cls(_eight_bits(margin), _eight_bits(gap), _eight_bits(doubt), np.array(shares, np.float32))
+
+    def with_shifts(self, chart: Chart) -> "Table":
+        """Return the table with how far the contact line moves where the retina is covered by less and by more."""
+        doubt = self.doubt.copy()
+        for node in np.ndindex(self.margin.shape[:-2]):
+            margin = margin_of(self.margin[node])
+            for place, change in ((8, -SHARE_STEP * doubt[node][0]), (9, SHARE_STEP * doubt[node][4])):
+                doubt[node][place] = np.rint(chart.shift(margin, change) / SHIFT_STEP)
+        return dataclasses.replace(self, doubt=doubt)
 
     def write(self, path: Path) -> None:
         """Write the table by rename."""
@@ -76,6 +87,11 @@ class Table:
                             "python -m pipeline.explorer_tables") from error
 
 
+def margin_of(values: np.ndarray) -> np.ndarray:
+    """Margins, m, from those of a table."""
+    return REACH * (np.asarray(values, float) - 128.0) / 127.0
+
+
 def _eight_bits(values: list[np.ndarray]) -> np.ndarray:
     return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)
 
@@ -92,7 +108,8 @@ def directions() -> Iterator[tuple[int, int]]:
             yield tilt, azimuth
 
 
-def make(cavities: Cavities, tamponade: Tamponade, folder: Path, advance: Callable[[float], object]) -> Table:
+def make(cavities: Cavities, chart: Chart, tamponade: Tamponade, folder: Path,
+         advance: Callable[[float], object]) -> Table:
     """Return the table of an eye and a tamponade; directions that are in the folder already are read.
 
     Parameters
@@ -110,7 +127,8 @@ def make(cavities: Cavities, tamponade: Tamponade, folder: Path, advance: Callab
     for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
         found[tilt, azimuth] = _turned(found[tilt, 0], AZIMUTHS[azimuth])
     parts = [dataclasses.astuple(found[node]) for node in itertools.product(range(len(TILTS)), range(len(AZIMUTHS)))]
-    return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
+    whole = (np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True))
+    return Table(*whole).with_shifts(chart)
 
 
 def _turned(table: Table, azimuth: float) -> Table:

@@ -14,8 +14,9 @@ from pipeline.base.errors import UserError
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.explorer import table as tables
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, eyes, tamponades
+from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import Errors, down_of
-from pipeline.explorer.lookup import Chart, look_up
+from pipeline.explorer.lookup import look_up
 from pipeline.explorer.page import HERE, MOST_BYTES, known_of, page_of
 from pipeline.explorer.shapes import Shape
 from pipeline.explorer.table import FOLDER, NODES, Table, directions, make, path_of
@@ -172,18 +173,18 @@ def test_a_folder_without_tables_is_told(tmp_path):
         page_of(tmp_path)
 
 
-def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch):
+def test_directions_that_are_there_are_not_computed_again(chart, tmp_path, monkeypatch):
     size, computed = (len(LATITUDES), len(MERIDIANS)), []
 
     def shape_at(cavities, tamponade, meridian, tilt, fill):
         computed.append((tilt, meridian))
         field = np.broadcast_to(np.arange(len(MERIDIANS)) * 1e-4, size)
-        return None if fill == FILLS[0] else Shape(field, field, np.zeros(4), np.zeros(4), np.ones(4), np.ones(2))
+        return None if fill == FILLS[0] else Shape(field, field, np.zeros(4), np.zeros(4), np.ones(4))
 
     monkeypatch.setattr(tables, "shape_at", shape_at)
-    first = make(None, tamponades()["light"], tmp_path, lambda count: None)
+    first = make(None, chart, tamponades()["light"], tmp_path, lambda count: None)
     assert len(computed) == len(list(directions())) * len(FILLS)
-    again = make(None, tamponades()["light"], tmp_path, lambda count: None)
+    again = make(None, chart, tamponades()["light"], tmp_path, lambda count: None)
     assert len(computed) == len(list(directions())) * len(FILLS)
     for one, other in zip(dataclasses.astuple(first), dataclasses.astuple(again), strict=True):
         assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
