@@ -3,6 +3,7 @@
     snakemake -j2 all                                       the scenes of config/config.yaml at its accuracy level
     snakemake -j2 <scene>                                   one scene (docs/scenes.md) at that level
     snakemake -j2 outputs/<scene>/<level>/index.html        any scene at any level, on one page
+    snakemake -j2 explorer                                  what oil touches by fill and posture, on one page
     snakemake -j2 validation                                a study of config/studies: table, figures, page
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
     snakemake -j2 outputs/<scene>/compare_draft_standard.html   what the finer level changes
@@ -94,6 +95,7 @@ localrules:
     effect_costs,
     cost,
     software,
+    explorer,
 
 
 rule all:
@@ -111,6 +113,7 @@ include: "rules/surfaces.smk"
 include: "rules/pictures.smk"
 include: "rules/measures.smk"
 include: "rules/pages.smk"
+include: "rules/explorer.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
 include: "rules/software.smk"

@@ -37,11 +37,7 @@ class Contact:
     @functools.cached_property
     def touched(self) -> np.ndarray:
         """Share of every triangle of the wall that the oil touches, (m,): the depth is linear on a triangle."""
-        low, middle, high = np.sort(self.depth[self.cavity.faces], axis=1).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            tip = high**2 / ((high - low) * (high - middle))
-            rest = 1.0 - low**2 / ((high - low) * (middle - low))
-        return np.select([low > 0.0, high <= 0.0, middle <= 0.0], [1.0, 0.0, tip], rest)
+        return positive_share(self.depth[self.cavity.faces])
 
     def share(self, mask: np.ndarray | None = None) -> float:
         """Return the covered share of the wall, or of the triangles in a mask (m,)."""
@@ -104,3 +100,12 @@ def shares(contact: Contact) -> dict[str, float]:
     """Return the covered shares of the wall and of the parts of the retina."""
     masks = retina_masks(contact.cavity)
     return {"wall": contact.share()} | {name: contact.share(mask) for name, mask in masks.items()}
+
+
+def positive_share(values: np.ndarray) -> np.ndarray:
+    """Share of triangles in which a linear function is positive, (m,), from its values at the corners (m, 3)."""
+    low, middle, high = np.sort(values, axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tip = high**2 / ((high - low) * (high - middle))
+        rest = 1.0 - low**2 / ((high - low) * (middle - low))
+    return np.select([low > 0.0, high <= 0.0, middle <= 0.0], [1.0, 0.0, tip], rest)

@@ -1,10 +1,11 @@
 // A view of surfaces that turns on a drag, or by the arrow keys. It needs WebGL and nothing else.
+// Of a scene `orientation` turns the surfaces before the view does (three rows), and `onDrag` and `onView` are told.
 function showTurningView(root, scene) {
   const canvas = root.querySelector("canvas"), hint = root.querySelector(".hint");
   const gl = canvas.getContext("webgl", {preserveDrawingBuffer: true});  // a print shows what is drawn
   if (!gl) {
     root.querySelector(".stage").remove();
-    hint.textContent = "This browser has no WebGL: the surfaces cannot be shown here. ParaView opens the files in surfaces/.";
+    hint.textContent = scene.without || "This browser has no WebGL: the surfaces cannot be shown here. ParaView opens the files in surfaces/.";
     return;
   }
 
@@ -29,6 +30,7 @@ function showTurningView(root, scene) {
     varying vec3 facing, coveredColor, bareColor;
     varying float side;
     void main() {
+      if (gloss > 0.0 && side < 0.0) discard;  // of a liquid what lies at the wall
       vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
       vec3 light = normalize(vec3(-0.35, 0.55, 0.75));
       float lit = 0.45 + 0.4 * max(dot(n, light), 0.0) + 0.15 * max(n.z, 0.0);
@@ -47,20 +49,24 @@ function showTurningView(root, scene) {
   gl.useProgram(program);
   const uniform = name => gl.getUniformLocation(program, name);
 
-  function buffer(target, base64) {
-    const bytes = Uint8Array.from(atob(base64), letter => letter.charCodeAt(0)), made = gl.createBuffer();
+  // Data is base64, or an array that is here already.
+  function buffer(target, data) {
+    const bytes = typeof data === "string" ? Uint8Array.from(atob(data), letter => letter.charCodeAt(0)) : data;
+    const made = gl.createBuffer();
     gl.bindBuffer(target, made);
     gl.bufferData(target, bytes, gl.STATIC_DRAW);
-    return {made, length: bytes.length};
+    return {made, length: bytes.byteLength};
   }
-  const meshes = scene.meshes.map(mesh => ({
+  const loaded = mesh => ({
     wall: mesh.wall, shown: true, index: buffer(gl.ELEMENT_ARRAY_BUFFER, mesh.index),
     arrays: [["position", 3, gl.SHORT], ["normal", 3, gl.BYTE], ["toLine", 1, gl.BYTE],
              ["covered", 3, gl.UNSIGNED_BYTE], ["bare", 3, gl.UNSIGNED_BYTE]].map(
       ([name, parts, type]) => [name, parts, type, buffer(gl.ARRAY_BUFFER, mesh[name])]),
-  }));
+  });
+  const meshes = scene.meshes.map(loaded);
 
   let [azimuth, elevation] = scene.view, waiting = false;
+  let orientation = scene.orientation || [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   const labels = scene.axes.map(([text, direction]) => {
     const label = document.createElement("span");
     label.textContent = text;
@@ -81,11 +87,12 @@ function showTurningView(root, scene) {
     canvas.width = Math.round(ratio * wide);
     canvas.height = Math.round(ratio * high);
     gl.viewport(0, 0, canvas.width, canvas.height);
-    gl.clearColor(1, 1, 1, 1);
+    gl.clearColor(0, 0, 0, 0);  // the page shows through
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
-    const right = [ca, 0, -sa], up = [-se * sa, ce, -se * ca], toward = [ce * sa, se, ce * ca];
+    const [right, up, toward] = [[ca, 0, -sa], [-se * sa, ce, -se * ca], [ce * sa, se, ce * ca]].map(
+      row => [0, 1, 2].map(k => row.reduce((sum, part, j) => sum + part * orientation[j][k], 0)));
     const shorter = Math.min(wide, high), scale = [0.8 * shorter / wide, 0.8 * shorter / high];
     gl.uniformMatrix3fv(uniform("turn"), false, [0, 1, 2].flatMap(k => [right[k], up[k], toward[k]]));
     gl.uniform2fv(uniform("scale"), scale);
@@ -110,10 +117,14 @@ function showTurningView(root, scene) {
     if (!waiting) requestAnimationFrame(draw);
     waiting = true;
   }
-  function turn(sideways, upward) {
-    azimuth -= sideways;
-    elevation = Math.max(-1.5, Math.min(1.5, elevation + upward));
+  function look(view) {
+    [azimuth, elevation] = view;
+    if (scene.onView) scene.onView(view);
     redraw();
+  }
+  function turn(sideways, upward) {
+    if (scene.onDrag) scene.onDrag(sideways, upward);
+    else look([azimuth - sideways, Math.max(-1.5, Math.min(1.5, elevation + upward))]);
   }
 
   let last = null;
@@ -138,9 +149,19 @@ function showTurningView(root, scene) {
     redraw();
   }));
   root.querySelectorAll("button").forEach((button, number) => button.addEventListener("click", () => {
-    [azimuth, elevation] = scene.views[number][1];
-    redraw();
+    look(scene.views[number][1]);
   }));
   new ResizeObserver(redraw).observe(canvas);
   draw();
+
+  return {
+    look: view => { [azimuth, elevation] = view; redraw(); },
+    orient: rows => { orientation = rows; redraw(); },
+    replace(number, mesh) {
+      const old = meshes[number];
+      for (const {made} of [old.index, ...old.arrays.map(array => array[3])]) gl.deleteBuffer(made);
+      meshes[number] = {...loaded(mesh), shown: old.shown};
+      redraw();
+    },
+  };
 }

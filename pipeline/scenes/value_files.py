@@ -113,10 +113,13 @@ def _from_gravity(table: dict[str, list[float]], numbers: list[int]) -> np.ndarr
     return down / length[:, None]
 
 
+def down_in_head(pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
+    """Directions of gravity (k, 3) in a head whose face was raised, and whose right ear was then lowered, rad. (G8)"""
+    return np.stack([-np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll), -np.sin(pitch)], axis=-1)
+
+
 def _from_angles(table: dict[str, list[float]]) -> np.ndarray:
-    """Gravity in a head that was pitched and then rolled. (G8)"""
-    pitch, roll = np.array(table["pitch"]), np.array(table["roll"])
-    return np.stack([-np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll), -np.sin(pitch)], axis=1)
+    return down_in_head(np.array(table["pitch"]), np.array(table["roll"]))
 
 
 def _check(time: np.ndarray, down: np.ndarray, numbers: list[int]) -> None:

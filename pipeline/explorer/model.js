@@ -1,0 +1,248 @@
+// Shapes between those of the tables, as pipeline/explorer/lookup.py finds them too. It draws nothing and needs no page.
+// A field has a row for every latitude and a column for every meridian; lengths are in m, angles in degrees.
+"use strict";
+
+const radians = Math.PI / 180;
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+const turned = (value, whole) => ((value % whole) + whole) % whole;
+
+async function inflated(base64) {
+  const packed = Uint8Array.from(atob(base64), letter => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+// Direction of gravity in a head whose face was raised by a pitch and whose right ear was lowered by a roll.
+function gravity(pitch, roll) {
+  const [p, r] = [pitch * radians, roll * radians];
+  return [-Math.cos(p) * Math.sin(r), -Math.cos(p) * Math.cos(r), -Math.sin(p)];
+}
+
+function direction(meridian, latitude) {
+  const [around, down] = [meridian * radians, latitude * radians];
+  return [Math.sin(down) * Math.sin(around), Math.sin(down) * Math.cos(around), -Math.cos(down)];
+}
+
+function explorerModel(known) {
+  const {tilts, fills, azimuths, latitudes: rows, meridians: columns} = known;
+  const step = 180 / (rows - 1), size = rows * columns, last = Math.round(known.ora / step);
+
+  // An eye: its wall, and the tables of its tamponades once they are unpacked.
+  async function eyeOf(data) {
+    const wall = new Float32Array((await inflated(data.wall)).buffer), tables = {};
+    for (const [name, packed] of Object.entries(data.tables)) {
+      const bytes = await inflated(packed), nodes = bytes.length / (2 * size + 10);
+      for (let k = 0; k < 2 * nodes * size; k++) if (k % columns) bytes[k] += bytes[k - 1];  // differences along a row
+      tables[name] = {margin: bytes.subarray(0, nodes * size), gap: bytes.subarray(nodes * size, 2 * nodes * size),
+                      doubt: bytes.subarray(2 * nodes * size)};
+    }
+    return {...data, wall, tables};
+  }
+
+  function between(value, nodes) {
+    let index = 0;
+    while (index < nodes.length - 2 && nodes[index + 1] <= value) index++;
+    const share = clamp((value - nodes[index]) / (nodes[index + 1] - nodes[index]), 0, 1);
+    return [[index, 1 - share], [index + 1, share]];
+  }
+
+  // Where a tamponade goes, as the quarter of all directions that the tables hold, with the weights of what is around.
+  function place(toward) {
+    const meridian = turned(Math.atan2(toward[0], toward[1]) / radians, 360), half = meridian % 180;
+    const tilt = Math.acos(clamp(-toward[2], -1, 1)) / radians, azimuth = Math.min(half, 180 - half);
+    const cosine = Math.cos(2 * azimuth * radians), sine = Math.sin(2 * azimuth * radians);
+    const around = [0.5 + 0.5 * cosine - 0.5 * sine, sine, 0.5 - 0.5 * cosine - 0.5 * sine];
+    const nodes = [];
+    for (const [one, ofTilt] of between(tilt, tilts)) {
+      around.forEach((ofAzimuth, two) => {
+        if (ofTilt * ofAzimuth) nodes.push([(one * azimuths + two) * fills.length, ofTilt * ofAzimuth]);
+      });
+    }
+    return {toward, meridian, mirrored: half > 90, nodes};
+  }
+
+  const unfilled = fill => -Math.sqrt(1 - fill), spread = fills.map(unfilled);
+
+  // Nodes and weights of a place and a fill; null where one of the shapes was not found.
+  function mixed(table, where, fill) {
+    const nodes = [];
+    for (const [three, ofFill] of between(unfilled(fill), spread)) {
+      for (const [first, weight] of where.nodes) if (weight * ofFill) nodes.push([first + three, weight * ofFill]);
+    }
+    return nodes.every(([node]) => table.margin[node * size]) ? nodes : null;
+  }
+
+  const toMargin = value => known.reach * (value - 128) / 127;
+  const toGap = value => known.deepest * (value / 255) ** 2;
+
+  // A field of the nodes with meridians that count from 12 o'clock.
+  function field(bytes, nodes, where, of) {
+    const sum = new Float64Array(size), found = new Float32Array(size);
+    for (const [node, weight] of nodes) for (let k = 0; k < size; k++) sum[k] += weight * of(bytes[node * size + k]);
+    for (let column = 0; column < columns; column++) {
+      const [first, second, share] = columnsOf(column * step, where);
+      for (let row = 0; row < size; row += columns) {
+        found[row + column] = (1 - share) * sum[row + first] + share * sum[row + second];
+      }
+    }
+    return found;
+  }
+
+  // The two columns of a table beside a meridian of the eye, and the share of the second.
+  function columnsOf(meridian, where) {
+    const from = (meridian - where.meridian) / step, first = Math.floor(from);
+    return [...[first, first + 1].map(k => turned(where.mirrored ? -k : k, columns)), from - first];
+  }
+
+  function lookUp(eye, table, toward, fill) {
+    const where = place(toward), nodes = mixed(table, where, fill);
+    if (!nodes) return null;
+    const doubt = new Float64Array(10);
+    for (const [node, weight] of nodes) for (let k = 0; k < 10; k++) doubt[k] += weight * table.doubt[10 * node + k];
+    const sure = [...doubt].map(value => Math.max(value, 0)), order = toward[1] < 0 ? [0, 2, 1, 3] : [0, 1, 2, 3];
+    const margin = field(table.margin, nodes, where, toMargin);
+    return {margin, gap: () => field(table.gap, nodes, where, toGap), shares: shares(eye, margin),
+            low: order.map(k => known.shareStep * sure[k]), high: order.map(k => known.shareStep * sure[4 + k]),
+            shift: [8, 9].map(k => known.shiftStep * sure[k])};
+  }
+
+  // A value of a field, or of one with twice the rows and columns, at a meridian and a latitude.
+  function at(values, meridian, latitude) {
+    const many = values.length === size ? columns : 2 * columns, width = 360 / many;
+    const [x, y] = [turned(meridian, 360) / width, clamp(latitude / width, 0, many / 2)];
+    const row = Math.min(Math.floor(y), many / 2 - 1), column = Math.floor(x) % many, next = (column + 1) % many;
+    const [across, down] = [x - Math.floor(x), y - row];
+    const of = k => (1 - across) * values[k * many + column] + across * values[k * many + next];
+    return (1 - down) * of(row) + down * of(row + 1);
+  }
+
+  // A field with twice the rows and columns, as smooth as cubics make it.
+  function doubled(values) {
+    const many = 2 * columns, found = new Float32Array(many * (2 * rows - 1));
+    for (let row = 0; row < rows; row++) {
+      for (let column = 0; column < columns; column++) {
+        const [a, b, c, d] = [-1, 0, 1, 2].map(k => values[row * columns + (column + k + columns) % columns]);
+        found[2 * row * many + 2 * column] = b;
+        found[2 * row * many + 2 * column + 1] = (9 * (b + c) - a - d) / 16;
+      }
+    }
+    // Beyond a pole the rows go on at the opposite meridian.
+    const of = (row, column) => row < 0 ? found[-2 * row * many + (column + columns) % many]
+      : row >= rows ? found[2 * (2 * (rows - 1) - row) * many + (column + columns) % many] : found[2 * row * many + column];
+    for (let row = 0; row < rows - 1; row++) {
+      for (let column = 0; column < many; column++) {
+        const [a, b, c, d] = [-1, 0, 1, 2].map(k => of(row + k, column));
+        found[(2 * row + 1) * many + column] = (9 * (b + c) - a - d) / 16;
+      }
+    }
+    return found;
+  }
+
+  // Share of a triangle in which a linear function is positive.
+  function positive(a, b, c) {
+    const [low, middle, high] = [a, b, c].sort((one, other) => one - other);
+    if (low > 0) return 1;
+    if (high <= 0) return 0;
+    if (middle <= 0) return high * high / ((high - low) * (high - middle));
+    return 1 - low * low / ((high - low) * (middle - low));
+  }
+
+  function area(a, b, c) {
+    const [u, v] = [b, c].map(one => one.map((value, k) => value - a[k]));
+    return 0.5 * Math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+  }
+
+  // Cells between circles of latitude, two triangles each: their sizes, once for an eye.
+  function cells(eye, latitudes) {
+    const point = (latitude, column) => direction(step * column, latitude).map(
+      part => part * at(eye.wall, step * column, latitude));
+    const found = [];
+    for (let row = 1; row < latitudes.length; row++) {
+      for (let column = 0; column < columns; column++) {
+        const [a, b, c, d] = [[row - 1, column], [row, column], [row, column + 1], [row - 1, column + 1]].map(
+          ([one, other]) => point(latitudes[one], other));
+        found.push([area(a, b, c), area(a, c, d)]);
+      }
+    }
+    return found;
+  }
+
+  function bands(margin, latitudes, sizes) {
+    const values = latitudes.map(latitude => Float64Array.from({length: columns}, (_, k) => at(margin, step * k, latitude)));
+    return sizes.map((size, number) => {
+      const row = Math.floor(number / columns), column = number % columns, next = (column + 1) % columns;
+      const [a, b, c, d] = [values[row][column], values[row + 1][column], values[row + 1][next], values[row][next]];
+      return size[0] * positive(a, b, c) + size[1] * positive(a, c, d);
+    });
+  }
+
+  // Covered shares of the retina, its superior and inferior half, and the macula.
+  function shares(eye, margin) {
+    if (!eye.cells) {
+      const whole = Array.from({length: last + 1}, (_, k) => k * step);
+      const macula = [...whole.filter(one => one < eye.macula), eye.macula];
+      eye.cells = [whole, macula].map(latitudes => [latitudes, cells(eye, latitudes)]);
+    }
+    const [[whole, sizes], [macula, around]] = eye.cells;
+    const touched = bands(margin, whole, sizes), centered = bands(margin, macula, around);
+    const upper = number => Math.cos((number % columns + 0.5) * step * radians) > 0;
+    const share = (covered, all, chosen) => covered.reduce((sum, one, k) => sum + (chosen(k) ? one : 0), 0)
+      / all.reduce((sum, one, k) => sum + (chosen(k) ? one[0] + one[1] : 0), 0);
+    return [share(touched, sizes, () => true), share(touched, sizes, upper), share(touched, sizes, k => !upper(k)),
+            share(centered, around, () => true)];
+  }
+
+  // Points on a break and its edge: [meridian, latitude].
+  function pointsOf(tear) {
+    const low = Math.max(tear.latitude - 0.5 * tear.height, 0), high = tear.latitude + 0.5 * tear.height, found = [];
+    const half = Math.min(0.5 * tear.width * 30, 180);
+    for (const [count, many] of [[1 + Math.ceil((high - low) / 2.5), 1 + Math.ceil(2 * half / 2.5)]]) {
+      for (let k = 0; k < count; k++) for (let j = 0; j < many; j++) {
+        found.push([tear.hour * 30 + half * (many > 1 ? 2 * j / (many - 1) - 1 : 0),
+                    low + (high - low) * (count > 1 ? k / (count - 1) : 0)]);
+      }
+    }
+    return found;
+  }
+
+  // How far the tamponade reaches beyond all points of a break, m; negative where it does not reach one.
+  const beyond = (margin, points) => Math.min(...points.map(([meridian, latitude]) => at(margin, meridian, latitude)));
+
+  // The smallest fill from which on the tamponade reaches beyond a break: the fill and what it may be, low and high.
+  // Below the first fill it is 0, above the last 1; null where shapes were not found.
+  function smallestFill(table, toward, points, wanted) {
+    const where = place(toward), reached = [];
+    const corners = points.map(([meridian, latitude]) => {
+      const y = clamp(latitude / step, 0, rows - 1), row = Math.min(Math.floor(y), rows - 2);
+      return [row * columns, y - row, ...columnsOf(meridian, where)];
+    });
+    for (let three = 0; three < fills.length; three++) {
+      const nodes = where.nodes.map(([first, weight]) => [first + three, weight]);
+      if (!nodes.every(([node]) => table.margin[node * size])) return null;
+      let least = Infinity;
+      for (const [row, down, first, second, across] of corners) {
+        let sum = 0;
+        for (const [node, weight] of nodes) {
+          const of = k => (1 - across) * table.margin[node * size + k + first] + across * table.margin[node * size + k + second];
+          sum += weight * ((1 - down) * of(row) + down * of(row + columns));
+        }
+        least = Math.min(least, toMargin(sum));
+      }
+      const shift = [8, 9].map(k => Math.max(nodes.reduce(
+        (sum, [node, weight]) => sum + weight * table.doubt[10 * node + k], 0), 0) * known.shiftStep);
+      reached.push([least, least + shift[1], least - shift[0]]);
+    }
+    return [0, 1, 2].map(which => {
+      const margin = reached.map(one => one[which] - wanted);
+      const bare = margin.findLastIndex(one => one <= 0);
+      if (bare < 0) return 0;
+      if (bare === fills.length - 1) return 1;
+      const share = -margin[bare] / (margin[bare + 1] - margin[bare]);
+      return 1 - (spread[bare] + share * (spread[bare + 1] - spread[bare])) ** 2;
+    });
+  }
+
+  return {eyeOf, lookUp, at, doubled, pointsOf, beyond, smallestFill, rows, columns, step};
+}
+
+if (typeof module !== "undefined") module.exports = {explorerModel, gravity, direction, clamp, turned, radians};
