@@ -60,9 +60,9 @@ class Renderer:
     def __init__(self, scene, cavity_volume: float, eye_surface=None):
         self.scene, self.cavity_volume = scene, cavity_volume
         self.size = tuple(OVERSAMPLING * length for length in scene.output.image_size)
-        width, height = self.size
-        self.top, self.bottom = rows_of(height)
-        self.columns = columns_of(width, opened=eye_surface is not None)
+        width, height = scene.output.image_size
+        self.top, self.bottom = (OVERSAMPLING * row for row in rows_of(height))     # panels begin with whole pixels
+        self.columns = [OVERSAMPLING * column for column in columns_of(width, opened=eye_surface is not None)]
         liquids = [liquid.name for liquid in scene.liquids]
         clear = (liquid.name for liquid in scene.liquids if liquid.clear)
         self.water = next(clear, liquids[0] if len(liquids) > 1 else None)
