@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from skimage.measure import approximate_polygon, find_contours
 
 OVERSAMPLING = 2                # marks are drawn twice as large and averaged, so that they are smooth
-STRAIGHT = 0.05                 # nodes; a line of a level this near to a straight one is drawn as one
+STRAIGHT = 0.1                  # nodes; a line of a level this near to a straight one is drawn as one
 LONG_UNITS = (("week", 604800.0), ("day", 86400.0), ("hour", 3600.0), ("minute", 60.0))
 SMALLEST_LETTERS = 6           # pixels
 INK = (25, 30, 40)

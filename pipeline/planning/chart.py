@@ -25,7 +25,7 @@ class Charts:
     """
 
     def __init__(self, wall: np.ndarray, breaks: Mapping[str, Patch], right_eye: bool):
-        self._map = FundusMap(wall, tuple(OVERSAMPLING * side for side in SIZE), right_eye=right_eye,
+        self._map = FundusMap(wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
                               outlines={name: one.outline() for name, one in breaks.items()})
 
     def png(self, rest: Rest) -> bytes:
