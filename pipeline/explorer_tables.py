@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cache", type=Path, default=Path("outputs/explorer/directions"),
                         help="folder of directions made before (default: %(default)s)")
     parser.add_argument("--check", type=int, metavar="COUNT",
-                        help="instead compute so many random settings again, and write how far the tables are off there")
+                        help="compute so many random settings anew instead, and write how far the tables are off there")
     options = parser.parse_args(arguments)
     if options.check is not None:
         with progress(options.check, "random settings", unit="setting") as bar:

@@ -1,7 +1,8 @@
 """The eye opened along its sagittal plane, both halves side by side in space (pyvista, off-screen).
 
 Every half shows its wall, painted by what touches it, and the interface of the oil inside it, both opaque: nothing that
-lies in one half is seen in the other, and no color mixes with another.
+lies in one half is seen in the other, and no color mixes with another. What is around the cavity is drawn once: it
+hides the same pixels in every frame.
 """
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -16,6 +17,7 @@ from pipeline.scenes.retina import ORA, Patch, globe_radius
 
 SHELL_COLOR, EDGE_COLOR = "#d3d7dd", "#19202b"
 NERVE_COLOR = "#e8cfae"
+NOTHING = (255, 0, 255)         # where nothing is around the cavity: a color that is nowhere in it
 SHELL_START, SHELL_END = 0.15e-3, 0.9e-3        # m outside the wall
 NERVE_RADIUS, NERVE_LENGTH = 1.5e-3, 4.0e-3     # m, drawn
 TOUCH_DEPTH = 0.1e-3            # m; nearer to the wall a surface is not drawn: the wall is painted there
@@ -44,27 +46,26 @@ class EyeView:
         self.size, self.paint = size, paint
         self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), shape=(len(HALVES), 1), border=False,
                                        lighting="light kit")
-        self.plotter.set_background("white", all_renderers=True)
         self.plotter.disable_anti_aliasing()    # the large canvas is averaged; samples would double the time
-        self._changing: list = []
+        self._changing: dict[tuple[int, str], Any] = {}
         center = np.array(eye.center)
         landmarks: list[tuple[Any, Any, float]] = [(line, EDGE_COLOR, size[1] / 600)
                                                    for line in landmark_lines(eye, right_eye)]
         landmarks += [(line, BREAK_COLOR, size[1] / 180) for line in break_lines(eye, breaks)]
-        for row, (half, side) in enumerate(HALVES.items()):
+        for row, half in enumerate(HALVES):
             self.plotter.subplot(row, 0)
-            self.plotter.add_mesh(half_shell(eye, side), color=SHELL_COLOR, smooth_shading=True,
-                                  split_sharp_edges=True, ambient=0.2, specular=0.0)
-            for line, color, width in landmarks:
-                self._line(line, color, side, width)
-            nerve = optic_nerve(eye, right_eye)
-            if nerve.center[0] * side < 0.0:
-                self.plotter.add_mesh(nerve, color=NERVE_COLOR, smooth_shading=True, split_sharp_edges=True,
-                                      ambient=0.3, specular=0.0)
             self.plotter.enable_parallel_projection()
             self.plotter.camera_position = [center + 4.0 * eye.length * view_of(half), center, (0.0, 1.0, 0.0)]
             self.plotter.camera.parallel_scale = 0.58 * (eye.bounds[3] - eye.bounds[2])
             self.plotter.camera.clipping_range = (0.5 * eye.length, 12.0 * eye.length)
+        self._surroundings = self._draw_surroundings(eye, optic_nerve(eye, right_eye))
+        self._around = (self._surroundings != NOTHING).any(axis=-1, keepdims=True)
+        for row, side in enumerate(HALVES.values()):
+            self.plotter.subplot(row, 0)
+            for line, color, width in landmarks:
+                shown = lifted(line).clip((side, 0.0, 0.0), origin=(0.0, 0.0, 0.0))
+                if shown.n_cells:
+                    self._add(shown, **line_look(color, width))
 
     def draw(self, wall, surfaces: Iterable) -> np.ndarray:
         """Pixels (height, width, 3) of one frame.
@@ -74,50 +75,83 @@ class EyeView:
         wall : pyvista.PolyData of the reconstruct stage.
         surfaces : pairs of a closed surface with ``depth``, pyvista.PolyData, and a color.
         """
-        for row, actor in self._changing:
-            self.plotter.renderers[row].remove_actor(actor, render=False)
-        self._changing = []
-        covered, bare = wall.clip_scalar(scalars="contact_distance", invert=False, value=0.0, both=True)
-        painted = [(bare, self.paint.of(wall_fractions(bare, False)))]
-        film, touched = covered.clip_scalar(scalars="film_distance", invert=False, value=0.0, both=True) \
-            if covered.n_cells and film_distance(wall) is not None else (None, covered)
-        painted.append((touched, self.paint.of(wall_fractions(touched, True))))
-        if film is not None:
-            painted.append((film, np.tile(self.paint.film, (film.n_points, 1))))
-        edge = wall.contour([0.0], scalars="contact_distance") if covered.n_cells and bare.n_cells else None
-        interfaces = [(interface, color) for surface, color in surfaces if surface.n_cells
-                      for interface in [free_part(surface)] if interface.n_cells]
+        interfaces = [(free_part(surface), color) for surface, color in surfaces]
         for row, side in enumerate(HALVES.values()):
-            self.plotter.subplot(row, 0)
-            for part, colors in painted:
-                if part.n_cells:
-                    part.point_data["color"] = colors
-                    self._add(row, side, part, scalars="color", rgb=True, ambient=0.65, diffuse=0.4)
-            for interface, color in interfaces:
-                self._add(row, side, interface, color=color, smooth_shading=True, ambient=0.45, diffuse=0.55,
-                          specular=0.25, specular_power=20.0)
-            if edge is not None and edge.n_cells:
-                self._changing.append((row, self._line(edge, EDGE_COLOR, side, self.size[1] / 250)))
-        self.plotter.render()
-        return self.plotter.screenshot(None, return_img=True)[..., :3]
+            half = half_of(wall, side)
+            self._show(row, "wall", painted(half, self.paint), scalars="color", rgb=True, ambient=0.65, diffuse=0.4)
+            for number, (interface, color) in enumerate(interfaces):
+                self._show(row, f"interface {number}", half_of(interface, side), color=color, smooth_shading=True,
+                           ambient=0.45, diffuse=0.55, specular=0.25, specular_power=20.0)
+            self._show(row, "edge", lifted(half.contour([0.0], scalars="contact_distance")),
+                       **line_look(EDGE_COLOR, self.size[1] / 250))
+        return np.where(self._around, self._surroundings, self._pixels())
 
     def close(self) -> None:
         """Free the window."""
         self.plotter.close()
 
-    def _add(self, row: int, side: float, mesh, **options) -> None:
-        actor = self.plotter.add_mesh(mesh, reset_camera=False, render=False, **options)
-        clip(actor, side)
-        self._changing.append((row, actor))
+    def _draw_surroundings(self, eye, nerve) -> np.ndarray:
+        """Pixels (height, width, 3) of what is around the cavity, where it is in front of the wall or beside it."""
+        self.plotter.set_background(NOTHING, all_renderers=True)
+        for row, side in enumerate(HALVES.values()):
+            self.plotter.subplot(row, 0)
+            self._add(half_shell(eye, side), color=SHELL_COLOR, smooth_shading=True, split_sharp_edges=True,
+                      ambient=0.2, specular=0.0)
+            if nerve.center[0] * side < 0.0:
+                self._add(nerve, color=NERVE_COLOR, smooth_shading=True, split_sharp_edges=True, ambient=0.3,
+                          specular=0.0)
+            self._add(half_of(eye, side), color=NOTHING, lighting=False)
+        pixels = self._pixels()
+        for renderer in self.plotter.renderers:
+            for actor in list(renderer.actors.values()):
+                renderer.remove_actor(actor, render=False)
+        self.plotter.set_background("white", all_renderers=True)
+        return pixels
 
-    def _line(self, line, color, side: float, width: float):
-        """Draw lines that lie on the wall, in the active half."""
-        lifted = line.copy(deep=False)
-        lifted.points = np.asarray(line.points) * LINE_LIFT
-        actor = self.plotter.add_mesh(lifted, color=color, line_width=max(1.0, width), lighting=False,
-                                      reset_camera=False, render=False)
-        clip(actor, side)
-        return actor
+    def _pixels(self) -> np.ndarray:
+        self.plotter.render()
+        return self.plotter.screenshot(None, return_img=True)[..., :3]
+
+    def _add(self, mesh, **look):
+        return self.plotter.add_mesh(mesh, reset_camera=False, render=False, **look)
+
+    def _show(self, row: int, name: str, mesh, **look) -> None:
+        """Show a mesh in a half, in place of what had this name in the frame before."""
+        actor = self._changing.get((row, name))
+        if actor is not None:
+            actor.mapper.dataset = mesh
+            actor.visibility = mesh.n_cells > 0
+        elif mesh.n_cells:
+            self.plotter.subplot(row, 0)
+            self._changing[row, name] = self._add(mesh, **look)
+
+
+def painted(wall, paint: Paint):
+    """A part of the wall of the reconstruct stage with the ``color`` of what touches it; pyvista.PolyData."""
+    covered, bare = wall.clip_scalar(scalars="contact_distance", invert=False, value=0.0, both=True)
+    parts = [(bare, paint.of(wall_fractions(bare, False)))]
+    if covered.n_cells and film_distance(wall) is not None:
+        film, covered = covered.clip_scalar(scalars="film_distance", invert=False, value=0.0, both=True)
+        parts.append((film, np.tile(paint.film, (film.n_points, 1))))
+    parts.append((covered, paint.of(wall_fractions(covered, True))))
+    parts = [(part, colors) for part, colors in parts if part.n_cells]
+    for part, colors in parts:
+        part.clear_data()
+        part.point_data["color"] = colors
+    first, *others = (part for part, _ in parts)
+    return first.append_polydata(*others) if others else first
+
+
+def lifted(line):
+    """Lines on the wall, so much nearer to the center that the wall does not hide them; pyvista.PolyData."""
+    line = line.copy(deep=False)
+    line.points = np.asarray(line.points) * LINE_LIFT
+    return line
+
+
+def line_look(color, width: float) -> dict[str, Any]:
+    """How a line of a width in pixels is drawn."""
+    return {"color": color, "line_width": max(1.0, width), "lighting": False}
 
 
 def view_of(half: str) -> np.ndarray:
@@ -133,18 +167,25 @@ def screen_axes(half: str) -> np.ndarray:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def clip(actor, side: float) -> None:
-    """Let an actor show only the half of the eye away from ``side``."""
+def half_of(mesh, side: float):
+    """The half of a surface away from ``side`` along x, pyvista.PolyData."""
+    import pyvista
     from vtkmodules.vtkCommonDataModel import vtkPlane
+    from vtkmodules.vtkFiltersCore import vtkPolyDataPlaneClipper
 
-    plane = vtkPlane()
-    plane.SetOrigin(0.0, 0.0, 0.0)
+    plane, clipper = vtkPlane(), vtkPolyDataPlaneClipper()  # several times as fast as the filter of PyVista
     plane.SetNormal(-side, 0.0, 0.0)
-    actor.mapper.AddClippingPlane(plane)
+    clipper.SetInputData(mesh)
+    clipper.SetPlane(plane)
+    clipper.CappingOff()
+    clipper.Update()
+    return pyvista.wrap(clipper.GetOutput())
 
 
 def free_part(surface):
     """The part of a closed surface with ``depth`` that is away from the wall, with normals."""
+    if not surface.n_cells:
+        return surface
     surface = surface.copy(deep=False)
     depth = surface.point_data["depth"].copy()
     surface.clear_data()

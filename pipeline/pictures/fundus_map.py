@@ -3,18 +3,21 @@
 As in the charts of Amsler and Dubois [straatsma1969, chapter] the macula is in the middle, circles are the equator, the
 ora serrata and the front edge of the pars plana, and the clock hours are those that an examiner sees who faces the
 patient. The distance from the middle is the angle from the posterior pole, seen from the center of the globe.
+Colors are painted at the final size, each by the share of a pixel that it covers; lines and words are drawn over them
+on the large canvas.
 Equations: docs/methods/pictures.md.
 """
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from PIL import Image, ImageDraw
+from scipy.sparse import csr_matrix
 from scipy.spatial import Delaunay
-from skimage.measure import find_contours
 
 from pipeline.cavity.regions import MACULA_RADIUS
-from pipeline.pictures.marks import FAINT_INK, INK, diamond, write
+from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, diamond, enlarged, final_pixels, level_lines, write
 from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
 from pipeline.scenes.retina import DISC_RISE, FRONT, ORA, globe_radius
 
@@ -24,6 +27,7 @@ DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
 STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the stripes on films
 BREAK_COLOR, HALO = (214, 39, 40), (255, 255, 255)
+WHITE = np.full(3, 255.0, np.float32)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,23 +80,26 @@ class FundusMap:
         angle = np.degrees(np.arccos(np.clip(-vertices[:, 2] / np.linalg.norm(vertices, axis=1), -1.0, 1.0)))
         meridian = np.arctan2(vertices[:, 1], vertices[:, 0])
         behind = angle < 165.0
-        self._chosen = np.flatnonzero(behind)
+        self._vertices, self._chosen = len(vertices), np.flatnonzero(behind)
         places = (angle * np.stack([np.cos(meridian), np.sin(meridian)]))[:, behind].T
         self.globe = globe_radius(vertices)
-        columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+        columns, rows = np.meshgrid(*final_pixels(size))
         x, y = (columns - self.center[0]) / self.scale, (self.center[1] - rows) / self.scale
-        self.inside = np.hypot(x, y) < PARS_PLANA
-        self._retina = (np.hypot(x, y) < ORA)[self.inside]
+        angle, pixel = np.hypot(x, y), OVERSAMPLING / self.scale
+        self.inside = angle < PARS_PLANA + pixel
+        self._angle = angle[self.inside]
+        self._whole, self._retina = (_share((end - self._angle) / pixel)[:, None] for end in (PARS_PLANA, ORA))
         mesh = Delaunay(places)
         points = np.stack([x[self.inside], y[self.inside]], axis=-1)
         triangle = mesh.find_simplex(points)
         transform = mesh.transform[triangle]
         two = np.einsum("nij,nj->ni", transform[:, :2], points - transform[:, 2])
-        self._corners = mesh.simplices[triangle]
-        self._weights = np.column_stack([two, 1.0 - two.sum(axis=1)]).astype(np.float32)
-        stripe = np.arange(size[0])[None, :] + np.arange(size[1])[:, None]
-        self._hatch = ((stripe / (HATCH * self.unit)) % 2 < 1)[self.inside]
-        self._stripes = self._film_stripes(rows)[self.inside]
+        weights = np.column_stack([two, 1.0 - two.sum(axis=1)]).astype(np.float32)
+        self._weights = csr_matrix((weights.ravel(), mesh.simplices[triangle].ravel(),
+                                    np.arange(0, weights.size + 1, 3)), (len(points), len(places)))
+        hatch, diagonal = HATCH * self.unit, math.sqrt(2.0) * OVERSAMPLING
+        self._hatch = _striped(rows + columns, hatch, 2.0 * hatch, diagonal)[self.inside, None]
+        self._stripes = self._film_stripes(rows, OVERSAMPLING)[self.inside, None]
 
     def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None,
              marks=()) -> Image.Image:
@@ -105,26 +112,25 @@ class FundusMap:
         quadrants : of the retina, "superior_temporal" and so on.
         marks : pairs of a color and a point (3,) in m, whose place on the wall is marked.
         """
-        distance = self._at_pixels(wall.point_data["contact_distance"])
-        covered, bare = (self._at_pixels(wall_fractions(wall, touched)) for touched in (True, False))
-        colors = self.paint.of(np.where(distance > 0.0, covered, bare))
         line = film_distance(wall)
-        film = np.zeros(len(distance), bool) if line is None else (self._at_pixels(line) > 0.0) & (distance > 0.0)
-        colors[film & ~self._stripes] = self.paint.film
-        reach = self._at_pixels(uncertain) if isinstance(uncertain, np.ndarray) else uncertain
-        doubtful = (np.abs(distance) < reach) & self._hatch
-        colors[doubtful] = np.where(distance[doubtful, None] > 0.0, self.paint.bare, self.paint.covered)
-        pixels = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
-        beyond = ~self._retina
-        colors[beyond] = (0.75 * colors[beyond] + 0.25 * 255).astype(np.uint8)
-        pixels[self.inside] = colors
-        image = Image.fromarray(pixels)
+        distance, covered, bare, reach, film = self._at_pixels(
+            wall.point_data["contact_distance"], wall_fractions(wall, True), wall_fractions(wall, False), uncertain,
+            -1.0 if line is None else line)
+        over, pixel = distance > 0.0, OVERSAMPLING / self.scale * math.radians(self.globe)      # m
+        colors = self.paint.of(np.where(over, covered, bare)).astype(np.float32)    # the edge is under a line
+        colors = _mixed(colors, self.paint.film, (over * _share(film / pixel))[:, None] * (1.0 - self._stripes))
+        other = np.where(over[:, None], self.paint.bare, self.paint.covered)
+        colors = _mixed(colors, other, _share((reach - np.abs(distance)) / pixel)[:, None] * self._hatch)
+        colors = _mixed(WHITE, _mixed(colors, WHITE, 0.25 * (1.0 - self._retina)), self._whole)
+        pixels = np.full((*self.inside.shape, 3), 255, np.uint8)
+        pixels[self.inside] = colors.round()
+        image = enlarged(pixels, self.size)
         pen = ImageDraw.Draw(image)
-        whole = np.full(self.inside.shape, np.nan, np.float32)
-        whole[self.inside] = distance
-        for line in find_contours(whole, 0.0):
-            pen.line([(float(x), float(y)) for y, x in line], fill=INK, width=max(2, round(0.75 * self.unit)),
-                     joint="curve")
+        level = np.full(self.inside.shape, np.nan, np.float32)
+        level[self.inside] = distance
+        for edge in level_lines(level):
+            pen.line([(x, y) for y, x in (OVERSAMPLING * (edge + 0.5)).tolist()], fill=INK,
+                     width=max(2, round(0.75 * self.unit)), joint="curve")
         self._chart(pen)
         for name, outline in self._outlines.items():
             places = [tuple(map(float, self.place(point))) for point in outline]
@@ -151,19 +157,18 @@ class FundusMap:
     def film_sample(self, size: tuple[int, int]) -> Image.Image:
         """How a film looks, for a legend of a width and a height in pixels."""
         rows = np.mgrid[:size[1], :size[0]][0]
-        stripes = self._film_stripes(rows)[..., None]
-        return Image.fromarray(np.where(stripes, self.paint.covered, self.paint.film).astype(np.uint8))
+        colors = _mixed(self.paint.film, self.paint.covered, self._film_stripes(rows + 0.5, 1.0)[..., None])
+        return Image.fromarray(colors.round().astype(np.uint8))
 
-    def _film_stripes(self, rows: np.ndarray) -> np.ndarray:
-        """Which of some pixels have the color of what oil touches, also where it lies on a film: level stripes."""
-        return (rows / self.unit) % STRIPES[0] < STRIPES[1]
+    def _film_stripes(self, rows: np.ndarray, pixel: float) -> np.ndarray:
+        """Share of some pixels that has the color of what oil touches, also where it lies on a film: level stripes."""
+        period, width = (length * self.unit for length in STRIPES)
+        return _striped(rows, width, period, pixel)
 
     def share(self, contact_distance: np.ndarray) -> float:
         """Covered share of the retina as drawn, every pixel weighted with the solid angle that it stands for."""
-        y, x = np.nonzero(self.inside)
-        angle = np.hypot(x + 0.5 - self.center[0], y + 0.5 - self.center[1]) / self.scale
-        weight = np.where(self._retina, np.sin(np.radians(angle)) / np.maximum(angle, 1e-6), 0.0)
-        return float((weight * (self._at_pixels(contact_distance) > 0.0)).sum() / weight.sum())
+        weight = self._retina[:, 0] * np.sin(np.radians(self._angle)) / np.maximum(self._angle, 1e-6)
+        return float((weight * (self._at_pixels(contact_distance)[0] > 0.0)).sum() / weight.sum())
 
     def place(self, point: np.ndarray) -> np.ndarray:
         """Place (2,) on the map of a point (3,) in m, or of its direction from the center of the globe."""
@@ -171,9 +176,10 @@ class FundusMap:
         across = max(float(np.hypot(point[0], point[1])), 1e-12)
         return self.center + self.scale * angle * np.array([point[0], -point[1]]) / across  # (Z3)
 
-    def _at_pixels(self, values: np.ndarray) -> np.ndarray:
-        chosen = np.asarray(values, np.float32)[self._chosen]
-        return (chosen[self._corners] * self._weights).sum(axis=1)
+    def _at_pixels(self, *values: np.ndarray | float) -> np.ndarray:
+        """Values, of all vertices or one for all, at the pixels of the map, (len(values), n)."""
+        chosen = [np.broadcast_to(one, self._vertices)[self._chosen] for one in values]
+        return np.stack([self._weights @ one.astype(np.float32) for one in chosen])
 
     def _circle(self, pen: ImageDraw.ImageDraw, angle: float, color, width: float, center=(0.0, 0.0)) -> None:
         x, y = self.center + self.scale * np.array(center) * [1.0, -1.0]
@@ -218,3 +224,21 @@ class FundusMap:
                             ("equator", (EQUATOR - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)])),
                             ("ora serrata", (ORA - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)]))):
             write(pen, self.center + self.scale * place * [1.0, -1.0], name, 2.2 * u, anchor="mm", outline=True)
+
+
+def _share(level: np.ndarray) -> np.ndarray:
+    """Share of pixels that lies where a level, a distance in pixels, is positive."""
+    return np.clip(level + 0.5, 0.0, 1.0).astype(np.float32)
+
+
+def _striped(place: np.ndarray, width: float, period: float, pixel: float) -> np.ndarray:
+    """Share of pixels, each ``pixel`` long around its place, that lies on stripes of a width at equal distances."""
+    def before(end: np.ndarray) -> np.ndarray:
+        return np.floor(end / period) * width + np.minimum(end % period, width)
+
+    return ((before(place + 0.5 * pixel) - before(place - 0.5 * pixel)) / pixel).astype(np.float32)
+
+
+def _mixed(colors: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Colors with a share (n, 1) of another color."""
+    return colors + share * (np.asarray(other, np.float32) - colors)

@@ -1,12 +1,14 @@
-"""Marks on pictures: text, arrows, bars. Lengths in pixels of the large canvas, which is halved at the end."""
+"""Marks on pictures: text, arrows, bars, lines. Lengths in pixels of the large canvas, which is halved at the end."""
 import functools
 import math
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from skimage.measure import approximate_polygon, find_contours
 
-OVERSAMPLING = 2                # everything is drawn twice as large and averaged: smooth, and right with translucency
+OVERSAMPLING = 2                # marks are drawn twice as large and averaged, so that they are smooth
+STRAIGHT = 0.1                  # nodes; a line of a level this near to a straight one is drawn as one
 LONG_UNITS = (("week", 604800.0), ("day", 86400.0), ("hour", 3600.0), ("minute", 60.0))
 SMALLEST_LETTERS = 6           # pixels
 INK = (25, 30, 40)
@@ -129,6 +131,27 @@ def color_bar(draw: ImageDraw.ImageDraw, box, colors: np.ndarray, title: str, en
     write(draw, ((left + right) / 2, top - 0.35 * size), title, size, anchor="md")
     write(draw, (left - 0.6 * size, (top + bottom) / 2), ends[0], size, anchor="rm")
     write(draw, (right + 0.6 * size, (top + bottom) / 2), ends[1], size, anchor="lm")
+
+
+def level_lines(level: np.ndarray) -> list[np.ndarray]:
+    """Lines (k, 2) where a level (n, m) is 0, rows and columns, without the points that a straight line needs not."""
+    return [approximate_polygon(line, STRAIGHT) for line in find_contours(level, 0.0)]
+
+
+def enlarged(pixels: np.ndarray, size: tuple[int, int]) -> Image.Image:
+    """Pixels of the final size, (n, m, 3) or (n, m) uint8, on a large canvas of a width and a height.
+
+    ``reduce`` gives them back.
+    """
+    height, width = pixels.shape[:2]
+    image = Image.fromarray(pixels).resize((OVERSAMPLING * width, OVERSAMPLING * height), Image.Resampling.NEAREST)
+    return image.crop((0, 0, *size))
+
+
+def final_pixels(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Places (m,) and (n,) of the columns and rows of final pixels on a large canvas of a width and a height."""
+    columns, rows = (OVERSAMPLING * (np.arange(-(-length // OVERSAMPLING)) + 0.5) for length in size)
+    return columns, rows
 
 
 def reduce(image: Image.Image) -> Image.Image:

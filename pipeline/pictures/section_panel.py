@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from pipeline.pictures.anterior_segment import ANGLE, COATS, AnteriorSegment
-from pipeline.pictures.marks import FAINT_INK, INK, diamond, gravity_mark, write
+from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, diamond, enlarged, gravity_mark, write
 from pipeline.pictures.paint import OF_OIL, Paint
 from pipeline.pictures.slice_panel import SCLERA, Fields, SlicePanel
 from pipeline.scenes.retina import ORA
@@ -49,7 +49,7 @@ class SectionPanel(SlicePanel):
         else:
             self._paint_eye(segment)
         self.coronal = None if coronal is None else CoronalPanel(
-            coronal, round(CORONAL * height), paint, known=segment is not None)
+            coronal, OVERSAMPLING * round(CORONAL * height / OVERSAMPLING), paint, known=segment is not None)
 
     def draw(self, fields: Fields, gravity: np.ndarray, coronal: Fields | None = None, marks=()) -> Image.Image:
         """Panel of one frame.
@@ -65,8 +65,9 @@ class SectionPanel(SlicePanel):
             diamond(pen, self.pixel(y, z), 1.5 * self.unit, color)
         if coronal is not None and self.coronal is not None:
             u, (width, height), small = self.unit, self.size, self.coronal.draw_liquids(coronal)
-            left, top = round(width - small.width - 2.0 * u), round(height - small.height - 5.0 * u)
-            image.paste(small, (left, top), Image.fromarray(self.coronal.opacity))
+            left, top = (OVERSAMPLING * round(end / OVERSAMPLING)
+                         for end in (width - small.width - 2.0 * u, height - small.height - 5.0 * u))
+            image.paste(small, (left, top), enlarged(self.coronal.opacity, small.size))
             for x, word, anchor in ((left, "R", "lm"), (left + small.width, "L", "rm")):     # of the patient
                 write(pen, (x, top + 0.5 * small.height), word, 2.4 * u, color=FAINT_INK, anchor=anchor)
             write(pen, (width - 2.0 * u, height - 4.0 * u), "coronal section, from the front", 2.4 * u,
@@ -153,7 +154,7 @@ class SectionPanel(SlicePanel):
 class CoronalPanel(SlicePanel):
     """Draws the plane across the optic axis, in a square of pixels, as who looks at the patient's face sees it.
 
-    ``known`` is whether the wall has the coats of an eye. ``opacity`` (side, side) uint8 is 0 outside the wall.
+    ``known`` is whether the wall has the coats of an eye. ``opacity`` (n, n) uint8, at its final size, is 0 outside it.
     """
 
     def __init__(self, fields: Fields, side: int, paint: Paint, *, known: bool):
@@ -167,7 +168,7 @@ class CoronalPanel(SlicePanel):
             self.paint_line(rim, max(0.08e-3, 1.2 / scale), FAINT_INK)
         else:
             self.paint_wall()
-        self.opacity = (255.0 * self.cover(rim - 1.0 / scale)).astype(np.uint8)
+        self.opacity = (255.0 * self.cover(rim - OVERSAMPLING / scale)).astype(np.uint8)
 
 
 def posture(gravity: np.ndarray) -> str:

@@ -1,5 +1,6 @@
 """A plane through the fields of the reconstruct stage on the pixels of a panel, drawn without OpenGL.
 
+All has smooth edges, each pixel being painted by the share of it that is covered: so it is drawn at its final size.
 Inside the cavity the colors are those of the liquids and nothing else; what lies around it is a scheme.
 """
 import dataclasses
@@ -8,10 +9,9 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
-from skimage.measure import find_contours
 
 from pipeline.pictures.anterior_segment import CHOROID_END, COATS, RETINA_END
-from pipeline.pictures.marks import INK, OVERSAMPLING
+from pipeline.pictures.marks import INK, OVERSAMPLING, enlarged, final_pixels, level_lines
 from pipeline.pictures.paint import OF_OIL, Paint
 
 # Droplets, by their share of the liquid on a logarithmic scale: below its lower end they are not seen. The scale ends
@@ -67,7 +67,7 @@ class SlicePanel:
                  paint: Paint = OF_OIL):
         self.size, self.middle, self.center, self.scale, self.paint = size, middle, np.asarray(center), scale, paint
         self.sign = -1.0 if mirrored else 1.0
-        columns, rows = (np.arange(length) + 0.5 for length in size)
+        columns, rows = final_pixels(size)
         self.rows = self.center[0] - (rows - middle[1]) / scale             # m
         self.columns = self.center[1] + self.sign * (columns - middle[0]) / scale
         self._rows = (self.rows - fields.origin[0]) / fields.cell           # nodes of the grid
@@ -75,9 +75,9 @@ class SlicePanel:
         near = self.sample(fields.signed_distance)
         # Away from the wall files hold a constant, and the grid ends.
         known = near < KNOWN * fields.signed_distance.max()
-        self.distance = np.where(known, near, (distance_transform_edt(near > 0.0) - 0.5) / scale)
+        self.distance = np.where(known, near, (distance_transform_edt(near > 0.0) - 0.5) * OVERSAMPLING / scale)
         self.inside = self.cover(self.distance)
-        self.background = np.full((size[1], size[0], 3), 255.0, np.float32)
+        self.background = np.full((len(rows), len(columns), 3), 255.0, np.float32)
 
     def pixel(self, first, second):
         """Place (x, y) on the panel of a point in m along rows and columns."""
@@ -90,7 +90,7 @@ class SlicePanel:
 
     def cover(self, level: np.ndarray) -> np.ndarray:
         """Share of every pixel where a level, about a distance in m, is negative: edges are smooth."""
-        return np.clip(0.5 - level * self.scale, 0.0, 1.0)
+        return np.clip(0.5 - level * (self.scale / OVERSAMPLING), 0.0, 1.0)
 
     def paint_over(self, share: np.ndarray, color) -> None:
         """Paint a share (height, width) of the background."""
@@ -119,11 +119,11 @@ class SlicePanel:
         if fields.droplets is not None:
             colors = self._with_droplets(colors, fields.droplets)
         lines = self.strokes([self.pixel(*(line * fields.cell + fields.origin[:, None].T).T)
-                              for level in fields.dominance for line in find_contours(level, 0.0)],
+                              for level in fields.dominance for line in level_lines(level)],
                              max(3.0, 0.0042 * self.size[1]))
         colors += lines[..., None] * (np.array(INK, np.float32) - colors)
         pixels = self.background + self.inside[..., None] * (colors - self.background)
-        return Image.fromarray(pixels.round().astype(np.uint8))
+        return enlarged(pixels.round().astype(np.uint8), self.size)
 
     def strokes(self, lines, width: float) -> np.ndarray:
         """Share of every pixel under lines, pairs of x and y in pixels, of a width in pixels."""
@@ -135,12 +135,13 @@ class SlicePanel:
         return self._drawn(lambda pen, points: pen.polygon(points, fill=255), outlines)
 
     def _drawn(self, draw, lines) -> np.ndarray:
-        image = Image.new("L", (OVERSAMPLING * self.size[0], OVERSAMPLING * self.size[1]), 0)
+        height, width = self.inside.shape
+        image = Image.new("L", (OVERSAMPLING**2 * width, OVERSAMPLING**2 * height), 0)
         pen = ImageDraw.Draw(image)
         for x, y in lines:
             draw(pen, list(zip((OVERSAMPLING * np.asarray(x)).tolist(), (OVERSAMPLING * np.asarray(y)).tolist(),
                                strict=True)))
-        return np.asarray(image.reduce(OVERSAMPLING), np.float32) / 255.0
+        return np.asarray(image.reduce(OVERSAMPLING**2), np.float32) / 255.0
 
     def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
         low, high = np.log10(DROPLET_RANGE)

@@ -9,6 +9,7 @@ from PIL import Image
 from pipeline.equilibrium.contact import Contact
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.fundus_map import FundusMap
+from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.scenes.retina import Patch
 
 SIZE = (560, 460)           # pixels
@@ -24,7 +25,7 @@ class Charts:
     """
 
     def __init__(self, wall: np.ndarray, breaks: Mapping[str, Patch], right_eye: bool):
-        self._map = FundusMap(wall, SIZE, right_eye=right_eye,
+        self._map = FundusMap(wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
                               outlines={name: one.outline() for name, one in breaks.items()})
 
     def png(self, rest: Rest) -> bytes:
@@ -39,4 +40,4 @@ class Charts:
         wall.point_data["contact_distance"] = Contact.of(rest).margin
         wall.point_data["oil_fraction_covered"] = np.ones(wall.n_points)
         wall.point_data["oil_fraction_bare"] = np.zeros(wall.n_points)
-        return self._map.draw(wall, uncertain=UNCERTAIN)
+        return reduce(self._map.draw(wall, uncertain=UNCERTAIN))

@@ -13,7 +13,12 @@ BLOCK = 2048            # bricks that are evaluated together: what they read sta
 @functools.cache
 def spline_weights(split: int) -> np.ndarray:
     """Weights (split, 4) of the coefficients around a coarse cell at its fine nodes along one axis."""
-    t = np.arange(split)[:, None] / split
+    return cubic_weights(np.arange(split) / split)
+
+
+def cubic_weights(part: np.ndarray) -> np.ndarray:
+    """Weights (n, 4) of the coefficients around a cell at parts (n,) of it, 0 to 1, along one axis."""
+    t = part[:, None]
     return np.hstack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3]) / 6.0
 
 

@@ -1,4 +1,4 @@
-"""Levels of the liquids at any point and at the fine nodes of a grid, and the surfaces on which they are zero.
+"""Levels of the liquids in sections and at the fine nodes of a grid, and the surfaces on which they are zero.
 
 The level of a liquid is its dominance: how far its fraction plus its offset exceeds those of all others. Droplets have
 levels of their own, and where one of these is higher it counts.
@@ -18,6 +18,7 @@ from pipeline.surfaces.contour import TriangleMesh, away_from_zero, contour
 from pipeline.surfaces.contour_lines import ContourLines, contour_lines, enclosed_areas
 from pipeline.surfaces.cut_cells import CORNERS
 from pipeline.surfaces.droplets import DropletBox
+from pipeline.surfaces.section_plane import SectionPlane
 
 OFFSET_REACH = 0.05     # change of an offset for which the bricks are chosen at first
 SLOPE_REACH = 0.1       # of the level on both sides of a surface, where its slope is measured
@@ -33,7 +34,7 @@ def excess(raised: np.ndarray, phase: int) -> np.ndarray:
 
 
 class Levels(abc.ABC):
-    """Levels at points; what is common to both ways to find surfaces.
+    """Levels in sections; what is common to both ways to find surfaces.
 
     Parameters
     ----------
@@ -53,13 +54,11 @@ class Levels(abc.ABC):
     def surfaces(self, offset: np.ndarray, count: int) -> Sequence[TriangleMesh | ContourLines]:
         """Closed surfaces, in 2D closed lines, of the first ``count`` phases."""
 
-    def at(self, points: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """Levels (n, phases) at points (n, D) in m."""
-        index = ((points - self.grid.origin) / self.grid.coarse_cell).T
-        raised = np.stack([map_coordinates(one, index, order=3, prefilter=False, mode="nearest")
-                           for one in self.coefficients]) + offset[:, None]
-        fine = (points - self.grid.origin) / self.grid.cell
-        lower, upper = fine.min(axis=0), fine.max(axis=0)
+    def on(self, plane: SectionPlane, offset: np.ndarray) -> np.ndarray:
+        """Levels (n, phases) at the nodes of a section."""
+        raised = with_last([plane.spline(one) for one in self.coefficients[:-1]], plane.band.shape)
+        raised += offset.astype(np.float32)[:, None]
+        fine, lower, upper = plane.fine, plane.fine.min(axis=0), plane.fine.max(axis=0)
         for box in self.droplets:
             shape = np.array(box.level.shape)
             if (box.lowest > upper).any() or (box.lowest + shape - 1 < lower).any():
@@ -81,6 +80,11 @@ class Levels(abc.ABC):
             np.maximum.at(level, place, np.concatenate([box.level[box.members] for box in own]))
             found.append((phase, np.stack(np.unravel_index(nodes, self.grid.fine_shape), axis=1), level))
         return found
+
+
+def with_last(fractions: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """Fractions of all phases but the last, of a shape each, and that of the last, which is what they leave."""
+    return np.stack([*fractions, 1.0 - sum(fractions, np.zeros(shape, np.float32))])
 
 
 def _raise(raised: np.ndarray, phase: int, nodes: np.ndarray, level: np.ndarray) -> None:
@@ -167,8 +171,7 @@ class SharpLevels(Levels):
         chosen[-1], chosen[:, -1], chosen[:, :, -1] = False, False, False
         self._reach, self._bricks = reach, Bricks(chosen, self.grid.split)
         sampled = [self._bricks.sample(one) for one in self.coefficients[:-1]]
-        last = 1.0 - sum(sampled) if sampled else self._bricks.sample(self.coefficients[0])
-        self._values = np.stack([*sampled, last])
+        self._values = with_last(sampled, (len(self._bricks.corner) * self.grid.split**3,))
         self._raises = []
         for phase, fine, level in self.of_droplets:
             nodes = self._bricks.find(fine)

@@ -24,6 +24,7 @@ from pipeline.surfaces.contour_lines import ContourLines
 from pipeline.surfaces.droplets import droplet_boxes, find_droplets
 from pipeline.surfaces.fraction_field import FractionField, sided_fraction, smooth_fraction, smoothing_filter
 from pipeline.surfaces.levels import DenseLevels, SharpLevels
+from pipeline.surfaces.section_plane import SectionPlane
 
 SMOOTHING = {False: 1.0, True: 0.5}     # spacings: edges of splashes and blocks stay, interfaces are smooth
 OFFSET_ROUNDS = 3               # with three liquids and more every offset touches the others
@@ -92,7 +93,8 @@ class Reconstructor:
             initial.get("wall_position"))
         self.free_surface = free_surface
         self.room = self._room(initial) if free_surface else None
-        self._sections = {name: self._section_nodes(name) for name in SECTION_NORMAL} \
+        self._planes = {name: SectionPlane(self.grid, normal, SECTION_NODES[name])
+                        for name, normal in SECTION_NORMAL.items()} \
             if self.grid.dimension == 3 and not free_surface else {}
 
     def _room(self, initial: dict) -> np.ndarray:
@@ -152,39 +154,36 @@ class Reconstructor:
         ``section`` is the plane x = 0 through the optic axis, ``coronal`` the plane z = 0 through the globe's center.
         Dominance and distance are cut off, and the fraction is 0 well outside the cavity: constants make small files.
         """
-        if self._sections:
-            self.field.load(self._frame.position, self._frame.volume, self._frame.volume_fraction, self._frame.phase)
-        return {name: self._section(SECTION_NORMAL[name], *nodes) for name, nodes in self._sections.items()}
+        if not self._planes:
+            return {}
+        frame = self._frame
+        self.field.load(frame.position, frame.volume, frame.volume_fraction, frame.phase)
+        alone = self._alone(frame.position.astype(np.float64), frame.volume, frame.volume_fraction)
+        # Around a whole coarse cell there is one liquid if it is alone around each of its corners.
+        least, most = sliding(np.minimum, alone, 0, 1), sliding(np.maximum, alone, 0, 1)
+        alone = np.where(least == most, least, MIXED)
+        return {name: self._section(plane, alone) for name, plane in self._planes.items()}
 
-    def _section(self, normal: int, points: np.ndarray, shape: tuple[int, ...], cell: float) -> Section:
-        wall = self.grid.distance_at(points)
-        level = self._levels.at(points, self._offset)
-        fraction = np.zeros_like(level)
-        band = wall < 2.0 * cell
-        weight, share = self.field.sample(points[band])
-        fraction[band] = sided_fraction(weight, share, level[band].argmax(axis=1))
+    def _section(self, plane: SectionPlane, alone: np.ndarray) -> Section:
+        level = self._levels.on(plane, self._offset)
+        liquid, fraction = alone[tuple(plane.corner)], np.zeros_like(level)
+        pure, mixed = plane.band & (liquid >= 0), plane.band & (liquid < 0)
+        fraction[pure, liquid[pure]] = 1.0
+        weight, share = self.field.sample(plane.points[mixed])
+        fraction[mixed] = sided_fraction(weight, share, level[mixed].argmax(axis=1))
         void = ~np.isfinite(fraction).all(axis=1)
         if void.any():
-            _, nearest = cKDTree(points[band & ~void]).query(points[void])
-            fraction[void] = fraction[band & ~void][nearest]
+            _, nearest = cKDTree(plane.points[plane.band & ~void]).query(plane.points[void])
+            fraction[void] = fraction[plane.band & ~void][nearest]
         return Section(
-            fraction.reshape(*shape, -1).astype(np.float32),
-            np.clip(level, -SECTION_LEVEL, SECTION_LEVEL).reshape(*shape, -1).astype(np.float32),
-            np.clip(wall, -SECTION_DEPTH, SECTION_DEPTH).reshape(shape).astype(np.float32),
-            np.delete(self.grid.origin, normal), cell, normal)
+            fraction.reshape(*plane.shape, -1).astype(np.float32),
+            np.clip(level, -SECTION_LEVEL, SECTION_LEVEL).reshape(*plane.shape, -1).astype(np.float32),
+            np.clip(plane.distance, -SECTION_DEPTH, SECTION_DEPTH).reshape(plane.shape).astype(np.float32),
+            np.delete(self.grid.origin, plane.normal), plane.cell, plane.normal)
 
     def depth_at(self, points: np.ndarray) -> np.ndarray:
         """Distance of points (m, D) to the wall, m, positive inside the cavity."""
         return -self.grid.distance_at(points)
-
-    def _section_nodes(self, name: str) -> tuple[np.ndarray, tuple[int, ...], float]:
-        grid, normal = self.grid, SECTION_NORMAL[name]
-        extent = np.delete(grid.extent, normal)
-        cell = grid.cell / max(1, int(np.ceil(SECTION_NODES[name] * grid.cell / extent.max())))
-        shape = tuple(int(n) for n in np.floor(extent / cell + 1e-9) + 1)
-        first, second = np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij")
-        points = np.insert(np.stack([first, second], axis=-1), normal, -grid.origin[normal], axis=-1)
-        return points.reshape(-1, 3) + grid.origin, shape, cell
 
     def _coefficients(self, frame: FrameData, droplets: list[list[np.ndarray]]) -> np.ndarray:
         """Splines (phases, nx, ny[, nz]) of the smoothed fractions without droplets, extended outward and into voids.
@@ -196,7 +195,7 @@ class Reconstructor:
         position, volume = frame.position[keep].astype(np.float64), np.asarray(frame.volume)[keep]
         fraction, phase = np.asarray(frame.volume_fraction)[keep], frame.phase[keep]
         self._sums.load(position, volume, fraction, phase)
-        alone = self._alone(position, volume, fraction)
+        alone = self._alone(position, volume, fraction)[self.grid.near]
         near, mixed = np.full((len(alone), self.field.liquids), np.nan, np.float32), alone == MIXED
         near[alone >= 0] = np.eye(self.field.liquids, dtype=np.float32)[alone[alone >= 0]]
         weight, share = self._sums.sample(self.grid.near_nodes[mixed])
@@ -218,7 +217,7 @@ class Reconstructor:
         return values
 
     def _alone(self, position: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """The liquid that is alone around every near node, where no sum is needed: else MIXED, or NOTHING around."""
+        """The liquid that is alone around every coarse node, where no sum is needed: else MIXED, or NOTHING around."""
         shape, cell = self.grid.shape, self.grid.coarse_cell
         place = np.clip((position - self.grid.origin) / cell, 0.0, np.array(shape) - 1.001).astype(np.float32)
         lowest = place.astype(np.int32)
@@ -241,7 +240,7 @@ class Reconstructor:
                 amounts += np.bincount(flat + int(np.dot(corner, strides)), share, minlength=alone.size)
             filled = sliding(np.minimum, amounts.reshape(shape).astype(np.float32), reach, reach)
             alone = np.where((alone >= 0) & (filled < FULL), MIXED, alone)
-        return alone[self.grid.near]
+        return alone
 
     def _bulk_offsets(self, target: np.ndarray) -> np.ndarray:
         """One offset per phase (the first stays 0) such that every surface holds its target volume.
