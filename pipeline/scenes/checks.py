@@ -91,9 +91,8 @@ def _oils_float_and_heavy_ones_sink(liquids: tuple[Material, ...]) -> Found:
                        f"is {oil.density:g} kg/m3, so that it {'floats' if heavy else 'sinks'} in {other.name} "
                        f"({other.density:g} kg/m3), but " + (
                            "heavy oils have 1020 to 1060 kg/m3 and sink; name a silicone oil if a light one is meant"
-                           if heavy else
-                           "silicone oils have 960 to 980 kg/m3 and float; name heavy_oil_densiron_68 if a heavy one is "
-                           "meant"))
+                           if heavy else "silicone oils have 960 to 980 kg/m3 and float; name heavy_oil_densiron_68 "
+                                         "if a heavy one is meant"))
 
 
 def _asked(function: Callable[..., Any], parts: Mapping[str, Any]) -> Found:

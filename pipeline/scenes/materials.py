@@ -1,6 +1,7 @@
 """Named liquids: those of ``config/materials.yaml`` and what a scene changes about them."""
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -66,13 +67,18 @@ def _asked_back(change: Any, base: Material, key: Key, errors: Errors) -> bool:
             number, usual = parse_quantity(change.get(name), unit), getattr(base, name)
             if number <= 0.0 or usual <= 0.0 or not is_bare(change[name]):
                 continue
-            if meant := _off(number, usual) > UNLIKELY and likely(
-                    change[name], unit, lambda one, number=number, usual=usual: _off(one, usual) < _off(number, usual)):
+            nearer = functools.partial(_is_nearer, number, usual)
+            if meant := _off(number, usual) > UNLIKELY and likely(change[name], unit, nearer):
                 spelled = unit.replace("**", "").replace("*", " ")
                 errors.add((*key, name), f"is {change[name]} without a unit, but {base.name} has {usual:g} {spelled}"
                                          f"{meant}; write {change[name]} {spelled} if that is meant")
                 asked = True
     return asked
+
+
+def _is_nearer(number: float, usual: float, other: float) -> bool:
+    """Whether another number is nearer to the usual one than a number is."""
+    return _off(other, usual) < _off(number, usual)
 
 
 def _off(number: float, usual: float) -> float:

@@ -60,11 +60,8 @@ def parse_quantity(value: object, unit: str = "") -> float:
         if not match:
             raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
         if match[2].startswith(","):
-            number = re.match(r"\s*[\d,.]+", _plain(value))[0].strip()
-            thousands = re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+", number)
-            likely = _plain(value).strip().replace(number, number.replace(",", "" if thousands else "."))
             raise ValueError(f'"{printable(value)}" with a comma, but must be {_wanted(unit)}, with a point '
-                             f"(did you mean {printable(likely)}?)")
+                             f"(did you mean {printable(_with_point(value))}?)")
         number, text = float(match[1]), match[2]
     else:
         number, text = float(str(value)), ""  # by way of text, a whole number beyond the range of floats is infinite
@@ -110,8 +107,16 @@ def looks_like_degrees(value: object, unit: str) -> bool:
     >>> looks_like_degrees(18.2, "rad"), looks_like_degrees(1.5707963, "rad"), looks_like_degrees("3 rad", "rad")
     (True, False, False)
     """
-    return unit == "rad" and is_bare(value) and abs(float(value)) >= _LEAST_ANGLE and (  # type: ignore[arg-type]
-        round(float(value), 2) == float(value))  # type: ignore[arg-type]
+    number = parse_quantity(value, unit) if unit == "rad" and is_bare(value) else 0.0
+    return abs(number) >= _LEAST_ANGLE and round(number, 2) == number
+
+
+def _with_point(text: str) -> str:
+    """A quantity whose number has a decimal comma, or commas between thousands, as it is written here."""
+    def written(match: re.Match) -> str:
+        return match[0].replace(",", "" if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+", match[0]) else ".")
+
+    return re.sub(r"[\d,.]*\d", written, _plain(text).strip(), count=1)
 
 
 def _plain(text: str) -> str:

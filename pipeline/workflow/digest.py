@@ -20,7 +20,7 @@ COLORS = ("liquids.color", "liquids.clear", "liquids.source")
 LOOKS = (*COLORS, "eye.side")
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "advise": ("description", "label", *PICTURE, *LOOKS, *PLACES),
+    "advise": ("description", "label", *PICTURE, "liquids.color", "liquids.source", "eye.side", *PLACES),
     "estimate": ("description", "label", *LOOKS, *PLACES),
     "cost": ("description", "label", *LOOKS, *PLACES),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",

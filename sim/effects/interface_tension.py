@@ -101,8 +101,8 @@ def _advice_on_reversed_wetting(parameters, eye, liquids, oil):
     other = next(name for name in names if name != oil)
     yield (("effects", "interface_tension", "contact_angle"),
            f"is {math.degrees(angle):.4g} deg, measured through the first liquid, {names[0]}, so that {oil} would wet "
-           f"the retina, but in an eye {other} does (18.2 deg through it for silicone oil, 38.8 deg for gas): with this order "
-           f"of liquids did you mean {math.degrees(math.pi - angle):.4g} deg?")
+           f"the retina, but in an eye {other} does (18.2 deg through it for silicone oil, 38.8 deg for gas): with "
+           f"this order of liquids did you mean {math.degrees(math.pi - angle):.4g} deg?")
 
 
 @data_oriented
