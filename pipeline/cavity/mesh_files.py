@@ -10,7 +10,6 @@ import logging
 import re
 import subprocess
 import sys
-import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -228,15 +227,13 @@ def _read_gmsh(path: Path) -> MeshFile:
 
 def _read_by_vtk(path: Path) -> MeshFile:
     """What VTK reads, in a process of its own, for damaged files crash its readers."""
-    with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
-        target = Path(folder) / "triangles.npz"
-        done = subprocess.run([sys.executable, "-P", vtk_reader.__file__, path, target], capture_output=True,
-                              text=True)  # -P: no file beside the reader takes the place of a library
-        if done.returncode:
-            reason = done.stderr.strip().splitlines()
-            raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
-        with np.load(target) as found:
-            return MeshFile(found["vertices"], found["faces"])
+    done = subprocess.run([sys.executable, "-P", vtk_reader.__file__, path], capture_output=True)
+    # -P: no file beside the reader takes the place of a library
+    if done.returncode:
+        reason = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
+    with np.load(io.BytesIO(done.stdout)) as found:
+        return MeshFile(found["vertices"], found["faces"])
 
 
 @contextlib.contextmanager

@@ -162,7 +162,7 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
         return {stage for stage in digest.UNREAD
                 if digest.stage_digest(stage, scene) != digest.stage_digest(stage, base)}
 
-    assert changed(red) == {"render", "index_run"}
+    assert changed(red) == {"render", "index_run", "still", "illustrate"}
     assert changed(long) == {"advise", "cost", "estimate", "rest"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
 
