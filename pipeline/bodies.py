@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pipeline.base.canvas import empty_figure
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
@@ -164,12 +165,10 @@ def write_bodies(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None:
     """Draw the number of bodies of every liquid over time, and how their sizes are distributed at the end."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(figsize=(12, 4.5), layout="constrained")
-    left, right = FigureCanvasAgg(figure).figure.subplots(1, 2)
+    canvas = empty_figure((12, 4.5))
+    left, right = canvas.subplots(1, 2)
     spacing = 1e3 * scene.numerics.particle_spacing
     frames = sorted({row["frame"]: row["time [s]"] for row in rows}.items())
     for number, liquid in enumerate(one.name for one in scene.liquids):
@@ -186,7 +185,7 @@ def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None
     largest = max((row["diameter [mm]"] for row in rows), default=1.0)
     right.set(xlabel="diameter of the ball of equal volume [mm]", ylabel="bodies of at least this size", xscale="log",
               xlim=(spacing, 2.0 * max(largest, spacing)))
-    figure.suptitle(no_formula(f"{scene.title or scene.name}: bodies of the liquids"), x=0.01, ha="left", fontsize=12,
+    canvas.suptitle(no_formula(f"{scene.title or scene.name}: bodies of the liquids"), x=0.01, ha="left", fontsize=12,
                     wrap=True)
     right.set_title("sizes at the end", loc="left", fontsize=11)
     for axes in (left, right):
@@ -196,7 +195,7 @@ def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None
         if axes.get_legend_handles_labels()[0]:
             axes.legend(frameon=False)
     with replacing(path) as partial:
-        figure.savefig(partial, dpi=120, format="png")
+        canvas.savefig(partial, dpi=120, format="png")
 
 
 def main(arguments: list[str] | None = None) -> None:

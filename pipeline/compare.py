@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base import page
+from pipeline.base.canvas import empty_figure
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
@@ -203,8 +204,6 @@ def _number(value: float) -> str:
 
 def picture_of(runs: Sequence[Run], rows: Sequence[np.ndarray], found: Sequence[Difference]) -> bytes:
     """Return the pictures of both levels above the curves of all `HEADLINES`, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.image import imread
 
     frame, paths = last_pictures(runs, runs[0].table["frame"][rows[0]])
@@ -212,9 +211,9 @@ def picture_of(runs: Sequence[Run], rows: Sequence[np.ndarray], found: Sequence[
     high = 0.5 * WIDTH * max(picture.shape[0] / picture.shape[1] for picture in pictures) + 0.5
     drawn = [one for one in found if one.drawn]
     lines = math.ceil(len(drawn) / ACROSS)
-    canvas = Figure(figsize=(WIDTH, high + 2.6 * lines), layout="constrained")
-    top, *below = FigureCanvasAgg(canvas).figure.subfigures(1 + bool(lines), 1, squeeze=False,
-                                                            height_ratios=[high, 2.6 * lines][:1 + bool(lines)])[:, 0]
+    canvas = empty_figure((WIDTH, high + 2.6 * lines))
+    top, *below = canvas.subfigures(1 + bool(lines), 1, squeeze=False,
+                                    height_ratios=[high, 2.6 * lines][:1 + bool(lines)])[:, 0]
     time = runs[0].table[TIME][np.flatnonzero(runs[0].table["frame"] == frame)[0]]
     for axes, each, picture, color in zip(top.subplots(1, 2), runs, pictures, COLORS, strict=True):
         axes.imshow(picture)

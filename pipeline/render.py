@@ -316,7 +316,6 @@ def main(arguments: list[str] | None = None) -> None:
                         help="leave out the views in space; needs no OpenGL")
     options = parser.parse_args(arguments)
 
-    from pipeline.pictures.opengl import use_working_opengl
     from pipeline.scenes.load import load_resolved
 
     scene = load_resolved(options.scene)
@@ -324,8 +323,6 @@ def main(arguments: list[str] | None = None) -> None:
     if not options.section_only and scene.dimension == 3:
         if not options.eye.is_file():
             raise UserError(f"{options.eye}: no such file; run the eye stage first")
-        use_working_opengl()
-
         eye = read_vtk(options.eye)
     cavity_volume = None if scene.container else float(load_initial(options.initial)["cavity_volume"])
     render_frames(scene, cavity_volume, eye, options.frames, options.surfaces, options.output)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
+from pipeline.scenes.checks import doubts
 from pipeline.scenes.description import postures_in_words
 from pipeline.scenes.folders import scene_file, scene_paths
 from pipeline.scenes.listing import entries_of, markdown_of, text_of
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
 from pipeline.scenes.materials import load_materials
+from pipeline.scenes.reader import dotted
 from pipeline.scenes.schema import list_text, schema_text
 
 
@@ -50,6 +52,8 @@ def main(arguments: list[str] | None = None) -> None:
     if options.scene is None:
         parser.error("name a scene, or use --scenes, --list or --schema")
     scene = load_scene(options.scene, options.accuracy, options.config_dir)
+    for key, sentence in doubts(scene):
+        print(f"warning: {options.scene}: {dotted(key)} {sentence}", file=sys.stderr)
     if not options.check:
         _write(scene.to_json(), options.output)
     if options.output is not None and (postures := postures_in_words(scene)):

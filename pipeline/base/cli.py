@@ -1,6 +1,7 @@
 """How every stage ends: with its result, or with one sentence per error and an exit code."""
 import errno
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
@@ -24,6 +25,7 @@ _REASONS = {
     errno.EISDIR: "this is a folder, not a file",
     errno.ENOTDIR: "a part of this path is a file, not a folder",
 }
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
 def run(main: Callable[[], int | None]) -> NoReturn:
@@ -62,7 +64,10 @@ def _report(code: int, *messages: str) -> int:
 
 def describe(error: OSError) -> str:
     """Return an error of the operating system as a sentence: which file, and what is wrong with it."""
-    return reason(error) if error.filename is None else f"{error.filename}: {reason(error)}"
+    if error.filename is None:
+        return reason(error)
+    temporary = Path(str(error.filename)).is_relative_to(tempfile.gettempdir()) and error.errno in _NO_ROOM
+    return f"{error.filename}: {reason(error)}" + "; set TMPDIR to a folder with room" * temporary
 
 
 def reason(error: OSError) -> str:

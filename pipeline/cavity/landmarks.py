@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 
 from pipeline.base.errors import UserError
-from pipeline.cavity.mesh_import import center_of_sphere
+from pipeline.cavity.globe import front_of, globe_center
+from pipeline.cavity.mesh_files import SPACES
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.scenes.model import Landmarks
 from pipeline.scenes.retina import DISC_RISE
@@ -15,24 +16,30 @@ FARTHEST = 4e-3                     # m, of fovea and disc from the surface
 DISC_DISTANCES = (2e-3, 9e-3)       # m, of the disc from the fovea across the axis: 4.8 mm in most eyes
 LEAST_ONE_SIDED = 0.5               # of what lies inside the globe: 1 where it is all in one direction
 LARGEST_COSINE = np.cos(np.radians(20.0))   # between axis and superior: nearer, superior says nothing
+AHEAD = np.cos(np.radians(35.0))            # of the front found from z: within, a mesh lies as its axes say
+ALONG = np.cos(np.radians(25.0))            # of the front from an axis of the file that is taken for it
 
 
-def laid(mesh: trimesh.Trimesh, landmarks: Landmarks | None, side: str, name: str) -> tuple[trimesh.Trimesh, list[str]]:
+def laid(mesh: trimesh.Trimesh, landmarks: Landmarks | None, side: str, name: str, space: str = ""
+         ) -> tuple[trimesh.Trimesh, list[str]]:
     """Return a mesh turned by its landmarks, its globe around the origin, and sentences on what was assumed.
+
+    Without landmarks the head of the file tells how it lies, else the side on which the surface is flat.
 
     Parameters
     ----------
     mesh : m, in the coordinates of its file.
     side : which eye.
     name : file that errors name.
+    space : "LPS" or "RAS" where the file names its axes.
 
     Raises
     ------
     UserError : landmarks that are off the surface, contradict each other or the side, or cannot be found.
     """
     if landmarks is None:
-        return mesh, ["its axes were taken as they are: x to the patient's left, y superior, z anterior"]
-    center, said = center_of_sphere(mesh.vertices), []
+        return _laid_by_file(mesh, space)
+    center, said = globe_center(mesh), []
     for key in ("fovea", "optic_disc"):
         point = getattr(landmarks, key)
         if point is not None:
@@ -41,7 +48,6 @@ def laid(mesh: trimesh.Trimesh, landmarks: Landmarks | None, side: str, name: st
                 raise UserError(f"{name} (eye.landmarks.{key}): lies {1e3 * away:.2g} mm off the surface, but must be "
                                 f"within {1e3 * FARTHEST:g} mm of it, in the coordinates of the file")
     axis = _axis(mesh, center, landmarks, name, said)
-    center = center_of_sphere(mesh.vertices[(mesh.vertices - center) @ axis < 0.0])     # the front is no sphere
     superior = _unit(landmarks.superior)
     if abs(superior @ axis) > LARGEST_COSINE:
         raise UserError(f"{name} (eye.landmarks.superior): points along the axis of the eye, "
@@ -59,6 +65,32 @@ def laid(mesh: trimesh.Trimesh, landmarks: Landmarks | None, side: str, name: st
     return turned, said
 
 
+def _laid_by_file(mesh: trimesh.Trimesh, space: str) -> tuple[trimesh.Trimesh, list[str]]:
+    """Return a mesh with its globe around the origin as its file tells, or its flat side, and sentences on it."""
+    front, one_sided = front_of(mesh, np.zeros(3))
+    found = f"({', '.join(f'{value:.2f}' for value in front + 0.0)})"
+    if space:
+        axes = np.array(SPACES[space], float)
+        said = [f"turned as the head of its file tells, whose axes are {space}"]
+        if one_sided >= LEAST_ONE_SIDED and front @ axes[2] < AHEAD:
+            said.append(f"its flat side, where the lens is, is toward {found} of the file, which would not be anterior"
+                        ": give eye.landmarks if the head of the file is wrong")
+    elif one_sided < LEAST_ONE_SIDED or front[2] >= AHEAD:
+        return mesh, ["its axes were taken as they are: x to the patient's left, y superior, z anterior"]
+    else:
+        near = int(np.abs(front).argmax())
+        ahead = np.sign(front[near]) * np.eye(3)[near] if abs(front[near]) > ALONG else front
+        up = np.eye(3)[1 if near == 2 else 2]
+        up = _unit(up - (up @ ahead) * ahead)
+        axes = np.stack([np.cross(up, ahead), up, ahead])
+        said = [f"its flat side, where the lens is, is toward {found} of the file, not toward z: it was turned to be "
+                f"anterior, with {'y' if near == 2 else 'z'} of the file superior; give eye.landmarks if it lies "
+                "otherwise"]
+    turned = mesh.copy()
+    turned.vertices = mesh.vertices @ axes.T
+    return turned, said
+
+
 def _axis(mesh: trimesh.Trimesh, center: np.ndarray, landmarks: Landmarks, name: str, said: list[str]) -> np.ndarray:
     """Direction (3,) forward along the axis of the eye."""
     apex, fovea = landmarks.corneal_apex, landmarks.fovea
@@ -68,16 +100,12 @@ def _axis(mesh: trimesh.Trimesh, center: np.ndarray, landmarks: Landmarks, name:
         given = "corneal_apex" if fovea is None else "fovea"
         said.append(f"the axis goes through {given} and the center of the globe")
         return _unit(np.subtract(apex, center) if fovea is None else np.subtract(center, fovea))
-    arm = mesh.triangles_center - center
-    distance = np.linalg.norm(arm, axis=1)
-    globe = np.sqrt((mesh.area_faces * distance**2).sum() / mesh.area_faces.sum())
-    weight = mesh.area_faces * np.maximum(globe - distance, 0.0) ** 2  # (L9)
-    mean = (weight[:, None] * arm / distance[:, None]).sum(axis=0) / weight.sum()
-    if np.linalg.norm(mean) < LEAST_ONE_SIDED:
+    front, one_sided = front_of(mesh, center)
+    if one_sided < LEAST_ONE_SIDED:
         raise UserError(f"{name} (eye.landmarks): the front cannot be found, for no side is clearly flatter than a "
                         "ball; give fovea or corneal_apex")
     said.append("the front was found: it is where the surface is flatter than the globe, for the lens is there")
-    return _unit(mean)
+    return front
 
 
 def _by_disc(center: np.ndarray, axis: np.ndarray, superior: np.ndarray, landmarks: Landmarks, side: str,

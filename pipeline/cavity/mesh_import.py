@@ -1,37 +1,30 @@
 """A user's surface of the cavity: read, check its unit, repair small defects, refuse the rest with the reason."""
-import contextlib
 import dataclasses
-import logging
-import subprocess
-import sys
-import tempfile
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
-import meshio
 import numpy as np
-import pyvista
 import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from pipeline.base.errors import UserError
-from pipeline.cavity import large_stl, vtk_reader
+from pipeline.cavity import large_stl
+from pipeline.cavity.globe import globe_center, vertex_areas
 from pipeline.cavity.large_stl import reduced
+from pipeline.cavity.mesh_files import read_mesh_file
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
-from pipeline.cavity.vtk_reader import outer_surface
+from pipeline.cavity.voxel_steps import smoothed, step_size
 from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
 
-TRIMESH_FORMATS = (".obj", ".ply")
-VTK_FORMATS = (".stl", ".vtk", ".vtp", ".vtu")
-MESHIO_FORMATS = (".msh",)
-FORMATS = TRIMESH_FORMATS + VTK_FORMATS + MESHIO_FORMATS
 SMALLEST_SIZE, LARGEST_SIZE = 15e-3, 40e-3          # largest outer dimension of a cavity, m
 SMALLEST_DEPTH = 10e-3                              # smallest one: lens to retina is 13 mm in a short eye
 WELD_DIGITS = 7                 # vertices that agree to 0.1 um are one
+RELATIVE_WELD = 4e-6            # the same, of the size of a surface whose unit may be wrong
 DEBRIS_AREA = 0.05              # pieces that together have less of the area are dropped, larger ones refused
 LARGEST_HOLE = 2.5e-3           # width of a hole that is closed, m: a flat lid there is less than 0.1 mm off
-LARGEST_OFFSET = 3e-3           # a mesh whose globe center is farther from the origin is moved there, m
+LARGEST_OFFSET = 0.5e-3         # from which it is told that the center of the globe was moved to the origin, m
+FARTHEST = 1.7                  # of the globe's radius: farther points are a spike, a staphyloma of 6 mm reaches 1.55
 SELF_CROSSING = 0.02            # disagreement of two kinds of volume that shows a surface crossing itself
 MOST_TRIANGLES = 200_000        # of an eye they are 0.14 mm wide, finer than any spacing that a computer can afford
 LEAST_SPHERICITY = 0.88         # eyes of all lens states and lengths have 0.93 to 0.99, a cylinder 0.87, a cube 0.81
@@ -48,37 +41,45 @@ class MeshRefused(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class ImportedMesh:
-    """A closed surface in m with outward normals, and sentences: what was repaired, and what is unlike an eye."""
+    """A closed surface in m with outward normals, and sentences: what was repaired, and what is unlike an eye.
+
+    Attributes
+    ----------
+    space : "LPS" or "RAS" where the file names its axes; else "".
+    """
 
     mesh: trimesh.Trimesh
     repairs: tuple[str, ...]
     warnings: tuple[str, ...]
+    space: str = ""
 
 
-def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_origin: bool = True) -> ImportedMesh:
+def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_origin: bool = True, smooth: bool = False
+                ) -> ImportedMesh:
     """Read and repair the surface of a cavity.
 
     Parameters
     ----------
     path : STL, OBJ, PLY, VTK, VTP, VTU or MSH file; of a volume mesh the outer surface is taken.
-    unit : unit of length of the file: "m", "cm", "mm" or "um".
-    force : accept a size and a volume unlike an eye's.
-    to_origin : move a globe that is far from the origin there; not where landmarks say where it is in the file.
+    unit : unit of length of the file, one of ``MESH_UNITS``.
+    force : accept a size and a volume unlike an eye's, and steps of voxels.
+    to_origin : move the center of the globe to the origin; not where landmarks say where it is in the file.
+    smooth : smooth the steps of voxels, at the same volume.
 
     Raises
     ------
-    UserError : the file cannot be read, or its unit or volume is unlike an eye's.
+    UserError : the file cannot be read, its unit or volume is unlike an eye's, or it has steps of voxels.
     MeshRefused : the surface stays open, consists of several pieces or crosses itself.
     """
-    vertices, faces = read_triangles(Path(path))
-    if not len(faces):
-        raise UserError(f"{path} (eye.path): holds no triangles, but a closed surface is needed")
+    file = read_mesh_file(Path(path))
+    vertices, faces = file.vertices, file.faces
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise UserError(f"{path} (eye.path): is damaged (a triangle has a corner that is not there), export or copy it "
                         "again")
     if not np.isfinite(vertices).all():
         raise UserError(f"{path} (eye.path): {np.sum(~np.isfinite(vertices).all(axis=1))} vertices are not finite "
                         "numbers, export the surface again")
+    refuse_bodies(trimesh.Trimesh(MESH_UNITS[unit] * vertices, faces, process=False), str(path))
     if not force:
         check_unit(path, np.ptp(vertices[np.unique(faces)], axis=0), unit)
     vertices, faces, coarsened = coarsen(MESH_UNITS[unit] * vertices, faces)
@@ -89,16 +90,27 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_orig
     if not force and not SMALLEST_VOLUME <= mesh.volume <= LARGEST_VOLUME:
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
                         "eye's (eye.force: true accepts any volume)")
+    steps = step_size(mesh)
+    if smooth:
+        mesh = smoothed(mesh)
+        repairs.append(f"smoothed steps of voxels of {1e3 * steps:.2g} mm, at the same volume" if steps else
+                       "smoothed, at the same volume, as eye.smooth asks for, though it has no steps of voxels")
+    elif steps and not force:
+        raise UserError(f"{path} (eye.path): the surface has steps of voxels, of {1e3 * steps:.2g} mm, which liquids "
+                        "would feel: set eye.smooth: true to smooth it at the same volume, or eye.force: true to take "
+                        "it as it is")
     offset = globe_center(mesh)
-    if to_origin and np.linalg.norm(offset) > LARGEST_OFFSET:
+    unlike = [f"{path} (eye.path): {note}" for note in file.notes] + unlike_an_eye(mesh, str(path), offset)
+    if to_origin:
         mesh.apply_translation(-offset)
-        repairs.append("moved the center of the globe to the origin, from "
-                       f"({', '.join(f'{1e3 * value:.1f}' for value in offset)}) mm")
-    return ImportedMesh(mesh, tuple(repairs), tuple(unlike_an_eye(mesh, str(path))))
+        if np.linalg.norm(offset) > LARGEST_OFFSET:
+            repairs.append("moved the center of the globe to the origin, from "
+                           f"({', '.join(f'{1e3 * value:.1f}' for value in offset)}) mm")
+    return ImportedMesh(mesh, tuple(repairs), tuple(unlike), file.space)
 
 
-def unlike_an_eye(mesh: trimesh.Trimesh, name: str) -> list[str]:
-    """Sentences on a shape that no vitreous cavity has; `name` begins them."""
+def unlike_an_eye(mesh: trimesh.Trimesh, name: str, center: np.ndarray) -> list[str]:
+    """Sentences on a shape with its globe around a center (3,) that no vitreous cavity has; `name` begins them."""
     found = []
     handles = (2 - mesh.euler_number) // 2
     if handles:
@@ -108,63 +120,42 @@ def unlike_an_eye(mesh: trimesh.Trimesh, name: str) -> list[str]:
     if sphericity < LEAST_SPHERICITY:
         found.append(f"{name} (eye.path): the surface has a sphericity of {sphericity:.2f}, but the cavity of an eye "
                      f"has more than 0.93 (a cube has 0.81)")
+    distance, areas = np.linalg.norm(mesh.vertices - center, axis=1), vertex_areas(mesh)
+    order = np.argsort(distance)
+    radius = float(distance[order][np.searchsorted(areas[order].cumsum(), 0.5 * areas.sum())])  # half of the area is in
+    if distance.max() > FARTHEST * radius:
+        place = ", ".join(f"{1e3 * value:.1f}" for value in mesh.vertices[distance.argmax()])
+        found.append(f"{name} (eye.path): the surface has a spike: its point ({place}) mm is "
+                     f"{1e3 * distance.max():.1f} mm from the center of the globe, whose radius is {1e3 * radius:.1f} "
+                     "mm; remove it if it is a defect")
     return found
 
 
-def globe_center(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Center (3,) in m of the sphere that fits the vertices best (least squares)."""
-    return center_of_sphere(mesh.vertices)
-
-
-def center_of_sphere(points: np.ndarray) -> np.ndarray:
-    """Center (3,) of the sphere that fits points (n, 3) best (least squares)."""
-    solution, *_ = np.linalg.lstsq(np.column_stack([2.0 * points, np.ones(len(points))]), (points**2).sum(axis=1))
-    return solution[:3]
-
-
-def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float in the unit of the file and triangles (m, 3) int of a mesh file."""
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise UserError(f'{path} (eye.path): the format "{suffix}" is not known, use one of {", ".join(FORMATS)}')
-    if not path.is_file():
-        raise UserError(f"{path} (eye.path): no such file")
-    try:
-        if suffix in TRIMESH_FORMATS:
-            mesh = trimesh.load(path, force="mesh", process=False)
-            return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-        if suffix in VTK_FORMATS:
-            return _read_by_vtk(path)
-        with _silent_reader():
-            surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
-        return np.asarray(surface.points, float), np.asarray(surface.regular_faces, int)
-    except (OSError, MemoryError, UserError):
-        raise
-    # The readers raise anything from ValueError to their own kinds; all mean that the content is not of this format.
-    except Exception as error:
-        reason = str(error).strip().splitlines()
-        raise UserError(f"{path} (eye.path): cannot be read as {suffix[1:].upper()} "
-                        f"({reason[0] if reason else type(error).__name__})") from error
-
-
-def refuse_cut_short(path: Path) -> None:
-    """Raise when an STL file ends before its last triangle: readers take what there is, or nothing."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(84)
-        file.seek(max(size - 1024, 0))
-        tail = file.read()
-    announced = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
-    if head.lstrip().startswith(b"solid") and size != 84 + 50 * announced:
-        if b"endsolid" not in tail:
-            raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
-                            "it again")
-    elif size < 84:
-        raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "
-                        "again")
-    elif size < 84 + 50 * announced:
-        raise UserError(f"{path} (eye.path): is cut short (it announces {announced} triangles and holds "
-                        f"{(size - 84) // 50}), export or copy it again")
+def refuse_bodies(mesh: trimesh.Trimesh, name: str) -> None:
+    """Raise where a surface of any size is of several bodies, such as both eyes of a head or a wall with two sides."""
+    vertices = mesh.vertices - mesh.vertices.min(axis=0)
+    steps = np.round(vertices / (float(vertices.max()) or 1.0) / RELATIVE_WELD).astype(np.int64)
+    _, point = np.unique((steps[:, 0] << 40) + (steps[:, 1] << 20) + steps[:, 2], return_inverse=True)
+    a, b, c = point.ravel()[mesh.faces].T
+    count = int(point.max()) + 1
+    graph = coo_matrix((np.ones(2 * len(a)), (np.concatenate([a, b]), np.concatenate([b, c]))), (count, count))
+    of_face = connected_components(graph, directed=False)[1][a]
+    areas = np.bincount(of_face, mesh.area_faces)
+    largest = int(areas.argmax())
+    if areas[largest] >= (1.0 - DEBRIS_AREA) * areas.sum():
+        return
+    pieces = [mesh.triangles[of_face == one] for one in np.flatnonzero(areas > DEBRIS_AREA * areas.sum())]
+    boxes = [(corners.min(axis=(0, 1)), corners.max(axis=(0, 1))) for corners in pieces]
+    nested = any((low >= lower).all() and (high <= upper).all() for i, (low, high) in enumerate(boxes)
+                 for j, (lower, upper) in enumerate(boxes) if i != j)
+    middles = [", ".join(f"{1e3 * value:.3g}" for value in 0.5 * (low + high)) for low, high in boxes[:3]]
+    others = mesh.triangles[of_face != largest]
+    raise MeshRefused(
+        f"{name} (eye.path): the surface consists of {(areas > 0.0).sum()} separate pieces and the largest has only "
+        f"{100 * areas[largest] / areas.sum():.0f} % of the area, but one closed surface is needed; " + (
+            "one lies in another, like the two sides of a wall: export the inner one alone" if nested else
+            f"export one of them alone (large ones are around ({'), ('.join(middles)}) mm)"),
+        mesh, np.concatenate([others[:, [0, 1]], others[:, [1, 2]], others[:, [2, 0]]]))
 
 
 def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -182,35 +173,6 @@ def coarsen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
         return vertices, faces, []
     coarse = reduced(vertices, faces, 10.0**-WELD_DIGITS, MOST_TRIANGLES / len(faces))
     return *coarse, [f"reduced {len(faces)} triangles to {len(coarse[1])}, far finer than the particles"]
-
-
-def _read_by_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What :func:`read_triangles` returns, read in a process of its own, for damaged files crash VTK."""
-    if path.suffix.lower() == ".stl":
-        refuse_cut_short(path)
-        if large_stl.many_triangles(path):
-            return large_stl.read_reduced(path)
-    with tempfile.TemporaryDirectory(prefix="mesh_") as folder:
-        target = Path(folder) / "triangles.npz"
-        done = subprocess.run([sys.executable, "-P", vtk_reader.__file__, path, target], capture_output=True,
-                              text=True)  # -P: no file beside the reader takes the place of a library
-        if done.returncode:
-            reason = done.stderr.strip().splitlines()
-            raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
-        with np.load(target) as found:
-            return found["vertices"], found["faces"]
-
-
-@contextlib.contextmanager
-def _silent_reader() -> Iterator[None]:
-    """Keep complaints about a broken file off the screen: the user gets one sentence instead."""
-    disabled = logging.root.manager.disable
-    with pyvista.vtk_verbosity("off"), warnings.catch_warnings(action="ignore"):
-        logging.disable(logging.CRITICAL)
-        try:
-            yield
-        finally:
-            logging.disable(disabled)
 
 
 def check_unit(path: str | Path, extents: np.ndarray, unit: str) -> None:
@@ -234,11 +196,11 @@ def repair(mesh: trimesh.Trimesh, name: str) -> tuple[trimesh.Trimesh, list[str]
 
     Raises
     ------
-    MeshRefused : what is left is open, in several pieces, or crosses itself; ``name`` begins the sentence.
+    MeshRefused : what is left is open or crosses itself; ``name`` begins the sentence.
     """
     mesh = mesh.copy()
     repairs = weld(mesh)
-    mesh = drop_debris(mesh, name, repairs)
+    mesh = drop_debris(mesh, repairs)
     orient(mesh, repairs)
     close_small_holes(mesh, repairs)
     refuse_open(mesh, name)
@@ -266,21 +228,14 @@ def weld(mesh: trimesh.Trimesh) -> list[str]:
     return repairs
 
 
-def drop_debris(mesh: trimesh.Trimesh, name: str, repairs: list[str]) -> trimesh.Trimesh:
-    """Keep the piece that has nearly all of the area; refuse a surface without one."""
+def drop_debris(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
+    """Keep the piece that has nearly all of the area (``refuse_bodies``)."""
     pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)), min_len=1)
     if len(pieces) == 1:
         return mesh
     areas = np.array([mesh.area_faces[piece].sum() for piece in pieces])
     largest = int(areas.argmax())
     rest = 1.0 - areas[largest] / areas.sum()
-    if rest > DEBRIS_AREA:
-        others = np.concatenate([piece for index, piece in enumerate(pieces) if index != largest])
-        corners = mesh.triangles[others]
-        raise MeshRefused(
-            f"{name} (eye.path): the surface consists of {len(pieces)} separate pieces and the largest has only "
-            f"{100 * (1 - rest):.0f} % of the area, but one closed surface is needed",
-            mesh, np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]))
     repairs.append(f"dropped {len(pieces) - 1} loose pieces with {100 * rest:.2g} % of the area")
     return mesh.submesh([pieces[largest]], append=True, repair=False)
 

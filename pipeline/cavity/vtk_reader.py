@@ -1,7 +1,8 @@
 """Program: read the triangles of a file by VTK, whose readers crash on damaged files, hence in a process of its own.
 
-    python vtk_reader.py eye.vtk triangles.npz
+    python vtk_reader.py eye.vtk > triangles.npz
 """
+import io
 import resource
 import sys
 import warnings
@@ -13,8 +14,8 @@ import pyvista
 USUAL, PER_BYTE = 8 * 2**30, 100  # address space that is enough, bytes: in all, and per byte of the file
 
 
-def main(source: Path, target: Path) -> None:
-    """Write the vertices (n, 3) and triangles (m, 3) of the surface of ``source`` to ``target``."""
+def main(source: Path) -> None:
+    """Write the vertices (n, 3) and triangles (m, 3) of the surface of ``source`` to standard output."""
     most = USUAL + PER_BYTE * source.stat().st_size
     resource.setrlimit(resource.RLIMIT_AS, (most, most))  # damaged counts ask for more than there is
     with warnings.catch_warnings():
@@ -24,7 +25,9 @@ def main(source: Path, target: Path) -> None:
         except UserWarning:
             sys.exit("it is damaged or of another format")
     surface = outer_surface(data)
-    np.savez(target, vertices=np.asarray(surface.points, float), faces=np.asarray(surface.regular_faces, int))
+    found = io.BytesIO()  # what is written needs to be gone back in, which a pipe cannot
+    np.savez(found, vertices=np.asarray(surface.points, float), faces=np.asarray(surface.regular_faces, int))
+    sys.stdout.buffer.write(found.getbuffer())
 
 
 def outer_surface(data) -> pyvista.PolyData:
@@ -38,7 +41,7 @@ def outer_surface(data) -> pyvista.PolyData:
 
 if __name__ == "__main__":
     try:
-        main(*map(Path, sys.argv[1:]))
+        main(Path(sys.argv[1]))
     # The readers raise anything; what called this program makes a sentence of it.
     except Exception as error:
         sys.exit(" ".join(str(error).split()) or type(error).__name__)

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.illustration.geometry import Part
 from pipeline.illustration.looks import TISSUES, Look
 from pipeline.illustration.view import ANGLE, View
+from pipeline.pictures.opengl import off_screen
 
 PEELS = 8
 SAMPLING = 2                    # the picture is drawn so many times as large and averaged
@@ -22,7 +23,7 @@ def draw(parts: Iterable[Part], look: Look, textures: dict[str, np.ndarray], vie
     import pyvista
     from PIL import Image
 
-    plotter = pyvista.Plotter(off_screen=True, window_size=[SAMPLING * length for length in size], lighting="none")
+    plotter = off_screen(window_size=[SAMPLING * length for length in size], lighting="none")
     plotter.set_background(BACKGROUND[0], top=BACKGROUND[1])
     for part in parts:
         _add(plotter, part, look, textures)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from pipeline.base.canvas import empty_figure, library
 from pipeline.measures.events import Event
 from pipeline.measures.metric import LAST
 from pipeline.measures.plots import draw, drawn_metrics
@@ -20,20 +21,16 @@ def curves(shown: Sequence[Shown], time: np.ndarray, events: Sequence[Event]) ->
     ----------
     time : (frames,), s.
     """
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
     asked_for = [one for one in drawn_metrics(shown) if one.metric.place < LAST]
     for one in asked_for[:MOST]:
-        with matplotlib.rc_context({"svg.hashsalt": one.name, "font.size": 9}):
-            figure = Figure(figsize=SIZE, layout="constrained")
-            axes = FigureCanvasSVG(figure).figure.subplots()
+        with library().rc_context({"svg.hashsalt": one.name, "font.size": 9}):
+            canvas = empty_figure(SIZE)
+            axes = canvas.subplots()
             draw(axes, one, time, events)
             axes.set_xlabel("simulated time [s]")
             axes.set_title(one.label, loc="left", fontsize=10)
             if len(one.curves) > 1 and not one.metric.yes_or_no:
-                figure.legend(loc="outside lower left", ncols=3, frameon=False, fontsize=8)
+                canvas.legend(loc="outside lower left", ncols=3, frameon=False, fontsize=8)
             file = io.BytesIO()
-            figure.savefig(file, format="svg", metadata={"Date": None})
+            canvas.savefig(file, format="svg", metadata={"Date": None})
         yield one.name, file.getvalue()

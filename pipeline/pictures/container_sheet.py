@@ -39,9 +39,7 @@ class ContainerMoments:
             self.size = width, round(width * self.sides[1] / self.sides[0])
             return
         from pipeline.pictures.container_view import ContainerView
-        from pipeline.pictures.opengl import use_working_opengl
 
-        use_working_opengl()
         right, up = ContainerView.extent(self.sides)
         self.size = width, round(width * up / right)
         self.view = ContainerView(self.sides, self.size, scene.container.funnels)

@@ -5,6 +5,8 @@ peeling off; so the panel is drawn larger and averaged with the rest of the pict
 """
 import numpy as np
 
+from pipeline.pictures.opengl import off_screen
+
 PEELS = 4
 GLASS_COLOR, EDGE_COLOR = "#dfe5ec", "#5f6673"
 OPACITY = 0.82
@@ -27,7 +29,7 @@ class ContainerView:
     def __init__(self, sides: np.ndarray, size: tuple[int, int], funnels=()):
         import pyvista
 
-        self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="light kit")
+        self.plotter = off_screen(window_size=list(size), lighting="light kit")
         self.plotter.set_background("white")
         box = pyvista.Box(bounds=[value for side in sides for value in (0.0, side)])
         # The faces that the camera looks at from inside: floor, back and left.

@@ -8,7 +8,7 @@ import trimesh
 from pipeline.base.cli import describe
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.pictures.opengl import use_working_opengl
+from pipeline.pictures.opengl import off_screen
 
 MOST_SHOWN_EDGES = 50_000       # triangles; finer meshes turn black when their edges are drawn
 
@@ -19,7 +19,6 @@ def picture_of_defect(mesh: trimesh.Trimesh, segments: np.ndarray, path: str | P
     A machine without OpenGL or room must not hide the reason for which the surface is refused.
     """
     try:
-        use_working_opengl()
         draw(mesh, segments, Path(path))
     except UserError as missing:
         return f"no picture of the place: {missing}"
@@ -31,7 +30,7 @@ def picture_of_defect(mesh: trimesh.Trimesh, segments: np.ndarray, path: str | P
 def draw(mesh: trimesh.Trimesh, segments: np.ndarray, path: Path) -> None:
     """Draw a surface and edges (n, 2, 3) in m from the side of the edges into a PNG."""
     surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1000, 800))
+    plotter = off_screen(window_size=(1000, 800))
     plotter.set_background("white")
     plotter.add_mesh(surface, color="lightgray", opacity=0.6, edge_color="gray", line_width=0.5,
                      show_edges=len(mesh.faces) < MOST_SHOWN_EDGES)

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.cavity.rays import interpolation
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_RADIUS, EQUATOR, disc_direction
+from pipeline.pictures.opengl import off_screen
 from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
 from pipeline.scenes.retina import ORA, Patch, globe_radius
 
@@ -41,11 +42,9 @@ class EyeView:
 
     def __init__(self, eye, size: tuple[int, int], *, right_eye: bool = True, breaks: Sequence[Patch] = (),
                  paint: Paint = OF_OIL):
-        import pyvista
-
         self.size, self.paint = size, paint
-        self.plotter = pyvista.Plotter(off_screen=True, window_size=list(size), shape=(len(HALVES), 1), border=False,
-                                       lighting="light kit")
+        self.plotter = off_screen(window_size=list(size), shape=(len(HALVES), 1), border=False,
+                                  lighting="light kit")
         self.plotter.disable_anti_aliasing()    # the large canvas is averaged; samples would double the time
         self._changing: dict[tuple[int, str], Any] = {}
         center = np.array(eye.center)

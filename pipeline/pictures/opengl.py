@@ -1,15 +1,26 @@
-"""Find a way to draw without a display. VTK may end the process where OpenGL is missing, so child processes try it."""
+"""Windows to draw in, off-screen, and the way of drawing that works here. Nothing else makes a window.
+
+VTK may end the process where OpenGL is missing, so child processes try it. No display is ever asked for,
+whatever DISPLAY says: that of an old session may not answer.
+"""
 import argparse
+import functools
 import os
 import subprocess
 import sys
+from typing import TYPE_CHECKING, Any
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.memory import LIBRARIES, address_space
 
+if TYPE_CHECKING:
+    import pyvista
+
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-WINDOWS = {"default": None, "EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
+# The default looks for a display first, and prints warnings without one: it comes last.
+WINDOWS = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow", "default": None}
 SECONDS = 600  # after which a trial hangs; on a busy computer one that does not has taken more than 60
 # VTK alone: it starts in less than half of the time of pyvista.
 PROBE = """
@@ -38,7 +49,7 @@ ADVICE = ("no OpenGL to draw with: install it with `apt-get install --no-install
 
 def works(window: str | None) -> bool:
     """Whether a child process draws the right pixel with the VTK window class ``window`` (None: VTK's own choice)."""
-    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    environment = {name: value for name, value in os.environ.items() if name not in (VARIABLE, *DISPLAYS)}
     if window:
         environment[VARIABLE] = window
     try:
@@ -57,10 +68,8 @@ def find_working_opengl() -> str:
     UserError : none works; the sentence names the package to install.
     MemoryError : ``ulimit -v`` leaves no room for a trial.
     """
-    # Without a display the default looks for one first and prints warnings: it comes last.
-    names = ["default", "EGL", "OSMesa"] if os.environ.get("DISPLAY") else ["EGL", "OSMesa", "default"]
     chosen = [name for name, window in WINDOWS.items() if window and window == os.environ.get(VARIABLE)]
-    for name in dict.fromkeys(chosen + names):
+    for name in dict.fromkeys([*chosen, *WINDOWS]):
         if works(WINDOWS[name]):
             return name
     if address_space() < LIBRARIES:
@@ -71,15 +80,34 @@ def find_working_opengl() -> str:
 def use_working_opengl() -> str:
     """Make VTK use a way of drawing that works, in this process, before its first window; return its name.
 
+    Displays are forgotten, for EGL may ask for one too.
+
     Raises
     ------
     UserError : none works.
     """
     name = find_working_opengl()
-    os.environ.pop(VARIABLE, None)
+    for variable in (VARIABLE, *DISPLAYS):
+        os.environ.pop(variable, None)
     if WINDOWS[name]:
         os.environ[VARIABLE] = WINDOWS[name]
     return name
+
+
+_ready = functools.cache(use_working_opengl)  # once in a process
+
+
+def off_screen(**options: Any) -> "pyvista.Plotter":
+    """Return a window of pyvista that is on no screen; options as of ``pyvista.Plotter``.
+
+    Raises
+    ------
+    UserError : nothing to draw with works.
+    """
+    _ready()
+    import pyvista
+
+    return pyvista.Plotter(off_screen=True, **options)
 
 
 def main(arguments: list[str] | None = None) -> None:

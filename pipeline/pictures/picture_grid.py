@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
+from pipeline.base.canvas import empty_figure
 from pipeline.pictures.marks import OVERSAMPLING, reduce, write
 
 LETTERS = 13            # pixels, of titles and captions
@@ -13,11 +14,8 @@ GAP = 8                 # pixels between pictures
 
 def panels(rows: int, columns: int, size: tuple[float, float], margin: tuple[float, float] = (0.0, 0.0)):
     """Return a canvas and its axes, (rows, columns); panels of a size and the margin around all of them in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=(size[0] * columns + margin[0], size[1] * rows + margin[1]), layout="constrained")
-    return canvas, FigureCanvasAgg(canvas).figure.subplots(rows, columns, squeeze=False)
+    canvas = empty_figure((size[0] * columns + margin[0], size[1] * rows + margin[1]))
+    return canvas, canvas.subplots(rows, columns, squeeze=False)
 
 
 def evenly(count: int, frames: int) -> np.ndarray:

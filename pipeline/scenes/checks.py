@@ -18,6 +18,7 @@ import numpy as np
 
 from pipeline.base.words import printable
 from pipeline.scenes import container_checks
+from pipeline.scenes.effects import down_at_start, oil_of
 from pipeline.scenes.eye_shape import globe_of, shape_of
 from pipeline.scenes.model import (
     AT_REST,
@@ -64,6 +65,34 @@ def check(parts: Mapping[str, Any]) -> Found:
     for function in _CHECKS:
         yield from _asked(function, parts)
     yield from _of_effects({**parts, "begins": True})
+
+
+def doubts(scene: Scene) -> list[tuple[Key, str]]:
+    """Return key and sentence of what a scene may say but hardly means, such as a physics that is the wrong way round.
+
+    It is no error: it can be simulated, and somebody may want it.
+    """
+    parts = vars(scene) | {"oil": scene.liquids[oil_of(scene)].name, "down": down_at_start(scene)}
+    found = list(_oils_float_and_heavy_ones_sink(scene.liquids))
+    for name, parameters in scene.effects.items():
+        for function in REGISTRY[name].doubts:
+            found += _asked(function, {**parts, "parameters": parameters})
+    return found
+
+
+def _oils_float_and_heavy_ones_sink(liquids: tuple[Material, ...]) -> Found:
+    watery = [one for one in liquids if one.clear or "water" in one.name]
+    for oil in liquids:
+        words = oil.name.lower().split("_")
+        for other in watery if "oil" in words and not oil.clear else ():
+            heavy = "heavy" in words
+            if (other.density - oil.density if heavy else oil.density - other.density) > 0.0:
+                yield (("liquids", oil.name, "density"),
+                       f"is {oil.density:g} kg/m3, so that it {'floats' if heavy else 'sinks'} in {other.name} "
+                       f"({other.density:g} kg/m3), but " + (
+                           "heavy oils have 1020 to 1060 kg/m3 and sink; name a silicone oil if a light one is meant"
+                           if heavy else "silicone oils have 960 to 980 kg/m3 and float; name heavy_oil_densiron_68 "
+                                         "if a heavy one is meant"))
 
 
 def _asked(function: Callable[..., Any], parts: Mapping[str, Any]) -> Found:
@@ -207,7 +236,10 @@ def _initial_is_full(initial: Initial) -> Found:
         yield ("initial",), "gives both liquid and fill, but only one of them can fill the cavity"
     total = sum(initial.fill.values())
     if not math.isclose(total, 1.0, abs_tol=1e-6):
-        yield ("initial", "fill"), f"adds up to {100 * total:g} %, but a closed cavity must be filled to 100 %"
+        largest = max(initial.fill.values())
+        meant = f" (did you mean {1e4 * largest:g} % where {100 * largest:g} % is written?)" if math.isclose(
+            total, 0.01, abs_tol=1e-6) else ""
+        yield ("initial", "fill"), f"adds up to {100 * total:g} %, but a closed cavity must be filled to 100 %{meant}"
 
 
 @_check

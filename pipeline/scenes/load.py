@@ -65,7 +65,7 @@ def load_resolved(path: str | Path) -> Scene:
     except (ValueError, RecursionError) as error:  # no JSON, no UTF-8, a number without end
         raise UserError(f"{path}: not a resolved scene ({error})") from None
     errors = Errors(path)
-    scene = Reader(errors, _liquid_names(data)).record(Scene, data)
+    scene = Reader(errors, _liquid_names(data), written=False).record(Scene, data)
     errors.raise_any()
     for key, message in check(vars(scene)):
         errors.add(key, message)

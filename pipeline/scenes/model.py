@@ -19,7 +19,7 @@ SMALLEST_ANGLE, LARGEST_ANGLE = math.radians(5.0), math.radians(45.0)  # of cont
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 EQUATOR = math.radians(90.0) + 1e-9   # from the posterior pole; units are rounded
 LARGEST_LATITUDE = math.radians(ORA)
-MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 25.4e-3}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,8 +83,10 @@ class Eye:
     path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
     unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
     force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
+    smooth: bool = parameter(False, meaning="smooth the steps of voxels of a mesh, at the same volume")
     landmarks: Landmarks | None = parameter(
-        None, meaning="how the mesh lies, else as its axes say: x to the patient's left, y superior, z anterior")
+        None, meaning="how the mesh lies, else as the head of its file or its flat side tells, else x to the "
+                      "patient's left, y superior, z anterior")
 
 
 @dataclasses.dataclass(frozen=True)

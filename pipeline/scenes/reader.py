@@ -14,12 +14,13 @@ from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
-from pipeline.scenes.units import parse_quantity
+from pipeline.scenes.units import is_bare, likely, looks_like_degrees, parse_quantity
 from pipeline.scenes.value_files import READERS
 
 Key = tuple[str | int, ...]
 Find = Callable[[str, Key], Path | None]
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
+_LONG = 0.1  # m, from which a length without a unit may be meant in mm
 MOST_MESSAGES = 20  # that are shown of one file
 UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
 FAILED = object()  # stands for a value that could not be read; its error is collected
@@ -50,16 +51,21 @@ class Errors:
     ----------
     messages : the first of them, each once. count : of all.
     origins : file in which a key was written, where that can be another one because of ``extends``.
+    bare : lengths in m, too long for an eye, that were written without a unit, by their keys.
     """
 
     def __init__(self, file: str | Path):
         self.messages: dict[str, None] = {}
         self.count = 0
         self.origins: dict[Key, Path] = {}
+        self.bare: dict[Key, Any] = {}
         self._file = file
 
     def add(self, key: Key, message: str) -> None:
-        """Collect "<file>: <key> <message>"."""
+        """Collect "<file>: <key> <message>", and what was probably meant by lengths that carry no unit."""
+        bare = next((value for one, value in self.bare.items() if one[:len(key)] == key), None) if key else None
+        if bare is not None and "did you mean" not in message:
+            message += likely(bare, "m")
         parents = (key[:length] for length in range(len(key), 0, -1))
         origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
         file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
@@ -88,10 +94,12 @@ class Reader:
     liquids : what a parameter that names a liquid may be; anything if there are none, which is an error of its own.
     find : returns the file that a parameter names in place of its values, or collects an error; none can be named
         without it.
+    written : whether people have written the values: what looks like another unit is asked back.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None, written: bool = True):
         self._errors = errors
+        self._written = written
         self._find = find
         self._liquids = tuple(liquids) or None
 
@@ -201,8 +209,16 @@ class Reader:
             return FAILED
         if kind is int and not number.is_integer():
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
+        unit = metadata["unit"]
         if not _in_range(number, metadata):
-            return self._fail(key, data, f"must be {allowed_range(metadata)}{_meaning(metadata)}")
+            meant = likely(data, unit, lambda one: _in_range(one, metadata))
+            return self._fail(key, data, f"must be {allowed_range(metadata)}{meant}{_meaning(metadata)}")
+        if self._written and looks_like_degrees(data, unit):
+            self._errors.add(key, f"is {describe(data)} without a unit, which would be {math.degrees(number):.4g} deg, "
+                                  f"but must be in deg or rad{likely(data, unit)}{_meaning(metadata)}")
+            return FAILED
+        if unit == "m" and abs(number) >= _LONG and is_bare(data):
+            self._errors.bare[key] = data
         if number and not SMALLEST <= abs(number) <= LARGEST:
             return self._fail(key, data, f"must be 0, or from {SMALLEST:g} to {LARGEST:g} in size{_meaning(metadata)}")
         return kind(number)
@@ -263,7 +279,7 @@ def describe(data: Any) -> str:
 
 def allowed_range(metadata: Mapping) -> str:
     """Return the range of a number in words, "" if it has none."""
-    unit = f" {metadata['unit'].replace('**', '')}" if metadata["unit"] else ""
+    unit = f" {metadata['unit'].replace('**', '').replace('*', ' ')}" if metadata["unit"] else ""
     bounds = (("above", "exclusive_minimum"), ("at least", "minimum"), ("at most", "maximum"))
     in_degrees = (lambda bound: f" ({math.degrees(bound):g} deg)") if metadata["unit"] == "rad" else lambda bound: ""
     return " and ".join(f"{words} {metadata[name]:g}{unit}{in_degrees(metadata[name])}" for words, name in bounds

@@ -1,7 +1,10 @@
 """Quantities of scene files: a bare number is SI, a string carries its unit."""
+import difflib
 import functools
 import math
 import re
+import unicodedata
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from pipeline.base.words import printable
@@ -16,6 +19,14 @@ _FACTOR = r"(?:1|[A-Za-zµμ°%]+)(?:(?:\*\*|\^)?-?[1-9])?"
 _UNIT = re.compile(rf"{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*")
 _LONGEST = 100  # characters of a quantity
 _ANGLES = {"degree", "radian", "turn", "arcminute", "arcsecond"}
+# Units that people use for a quantity, by the one it has here; a number without a unit is most likely in the first.
+_USUAL = {"": ("%",), "rad": ("deg", "rad"), "m": ("mm", "um", "cm"), "m**3": ("mL", "uL"),
+          "m**3/s": ("mL/s", "mL/min"), "m/s": ("mm/s",), "s": ("ms", "min"), "N/m": ("mN/m", "dyn/cm"),
+          "Pa*s": ("mPa s", "cP", "cSt"), "kg/m**3": ("g/mL", "kg/m3")}
+# Signs that word processors and keyboards give in place of those of ASCII.
+_SIGNS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2010": "-", "\u00ba": "\u00b0", "\u22c5": "\u00b7",
+                        "\u2219": "\u00b7", "\u2022": "\u00b7"})
+_LEAST_ANGLE = 1.0  # rad: larger angles with two decimals at most, and no unit, look like degrees
 
 
 def parse_quantity(value: object, unit: str = "") -> float:
@@ -23,7 +34,8 @@ def parse_quantity(value: object, unit: str = "") -> float:
 
     Parameters
     ----------
-    value : a number, taken as already in ``unit``, or a string such as "40 mN/m", "85 %" or "1.5 mL/s".
+    value : a number, taken as already in ``unit``, or a string such as "40 mN/m", "85 %" or "1.5 mL/s". Typographic
+        signs are read as those of the keyboard, such as −, ³ and ⁻¹.
     unit : target in pint's spelling; "" for a pure number, "rad" or "deg" for an angle (no pure number here).
 
     Raises
@@ -44,9 +56,12 @@ def parse_quantity(value: object, unit: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"{_describe(value)}, but must be {_wanted(unit)}")
     if isinstance(value, str):
-        match = len(value) <= _LONGEST and _NUMBER.fullmatch(value)
+        match = len(value) <= _LONGEST and _NUMBER.fullmatch(_plain(value))
         if not match:
             raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
+        if match[2].startswith(","):
+            raise ValueError(f'"{printable(value)}" with a comma, but must be {_wanted(unit)}, with a point '
+                             f"(did you mean {printable(_with_point(value))}?)")
         number, text = float(match[1]), match[2]
     else:
         number, text = float(str(value)), ""  # by way of text, a whole number beyond the range of floats is infinite
@@ -62,17 +77,70 @@ def is_kinematic_viscosity(value: object) -> bool:
         parse_quantity(value, "m**2/s")
     except ValueError:
         return False
-    return isinstance(value, str) and bool(_NUMBER.fullmatch(value)[2])
+    return isinstance(value, str) and not is_bare(value)
+
+
+def is_bare(value: object) -> bool:
+    """Tell whether a value that can be parsed carries no unit."""
+    return not isinstance(value, str) or not _NUMBER.fullmatch(_plain(value))[2]
+
+
+def likely(value: object, unit: str, allowed: Callable[[float], bool] = lambda number: True) -> str:
+    """Return what a number without a unit probably means, as a question; empty where nothing is likely.
+
+    Parameters
+    ----------
+    unit : what it is taken to be in. allowed : whether a number in that unit can be meant.
+
+    Examples
+    --------
+    >>> likely(85, ""), likely("24", "m"), likely("24 m", "m")
+    (' (did you mean 85 %?)', ' (did you mean 24 mm?)', '')
+    """
+    text = f"{str(value).strip()} {_USUAL[unit][0]}" if unit in _USUAL and is_bare(value) else ""
+    return f" (did you mean {printable(text)}?)" if text and allowed(parse_quantity(text, unit)) else ""
+
+
+def looks_like_degrees(value: object, unit: str) -> bool:
+    """Tell whether a number without a unit would be an angle in radians as nobody writes one.
+
+    >>> looks_like_degrees(18.2, "rad"), looks_like_degrees(1.5707963, "rad"), looks_like_degrees("3 rad", "rad")
+    (True, False, False)
+    """
+    number = parse_quantity(value, unit) if unit == "rad" and is_bare(value) else 0.0
+    return abs(number) >= _LEAST_ANGLE and round(number, 2) == number
+
+
+def _with_point(text: str) -> str:
+    """A quantity whose number has a decimal comma, or commas between thousands, as it is written here."""
+    def written(match: re.Match) -> str:
+        return match[0].replace(",", "" if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+", match[0]) else ".")
+
+    return re.sub(r"[\d,.]*\d", written, _plain(text).strip(), count=1)
+
+
+def _plain(text: str) -> str:
+    """A quantity with signs of the keyboard: minus, exponents and products as ASCII has them, and Pas as Pa s."""
+    text = unicodedata.normalize("NFKC", text.translate(_SIGNS)).translate(_SIGNS)
+    text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "\u00b7", text)
+    return re.sub(r"(?<![A-Za-z])([m\u00b5\u03bc]?)Pas\b", r"\1Pa s", text)
+
+
+def _nearest_unit(text: str, unit: str) -> str:
+    """The usual unit that is most like what was written, as a question, or nothing."""
+    usual = {one.lower(): one for one in _USUAL.get(unit, ())}
+    matches = difflib.get_close_matches(text.lower(), usual, n=1)
+    return f" (did you mean {usual[matches[0]]}?)" if matches else ""
 
 
 def _convert(number: float, text: str, unit: str, value: object) -> float:
     source = _parse_unit(text)
     if source is None:
         raise ValueError(f'"{printable(str(value))}" with the unknown unit "{printable(text)}", '
-                         f"but must be {_wanted(unit)}")
+                         f"but must be {_wanted(unit)}{_nearest_unit(text, unit)}")
     target = _parse_unit(unit)
     if source.dimensionality != target.dimensionality or _is_angle(source) != _is_angle(target):
-        raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
+        raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}{_nearest_unit(text, unit)}')
     converted = _registry().Quantity(number, source).to(target).magnitude
     return float(f"{converted:.15g}")  # "1.5 mL" is 1.5e-6 m3, not 1.5000000000000002e-6
 
@@ -85,7 +153,7 @@ def _describe(value: object) -> str:
 def _wanted(unit: str) -> str:
     if unit.startswith("rad"):
         return f"in {unit.replace('rad', 'deg')} or {unit}"
-    return f"in {unit.replace('**', '')}" if unit else 'a pure number (or in "%")'
+    return f"in {unit.replace('**', '').replace('*', ' ')}" if unit else 'a pure number (or in "%")'
 
 
 def _is_angle(unit: "pint.Unit") -> bool:

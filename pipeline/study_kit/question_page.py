@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from pipeline.base import page
+from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.words import NO_ADVICE
@@ -139,11 +140,8 @@ def drawn(size: tuple[float, float], draw: Callable, *grid: int, **options) -> b
     size : width and height in inches.
     draw : gets the axes, one or an array of them as ``grid`` (rows, columns) and ``options`` ask for.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=size, layout="constrained")
-    draw(FigureCanvasAgg(canvas).figure.subplots(*grid, **options))
+    canvas = empty_figure(size)
+    draw(canvas.subplots(*grid, **options))
     buffer = io.BytesIO()
     canvas.savefig(buffer, dpi=120, format="png")
     return buffer.getvalue()

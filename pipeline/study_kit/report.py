@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pipeline.base import page
+from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
@@ -111,11 +112,8 @@ def _write_csv(path: Path, rows: Iterable[dict[str, str]]) -> None:
 
 def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:
     """Draw one figure; a reference that several cases bring is drawn once."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
-    axes = FigureCanvasAgg(canvas).figure.subplots()
+    canvas = empty_figure((9.5, 5.2))
+    axes = canvas.subplots()
     looks = itertools.cycle(zip(itertools.cycle(COLORS), MARKERS, strict=False))
     references: dict[str, Curve] = {}
     for curve in curves:

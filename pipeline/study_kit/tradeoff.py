@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.base.canvas import empty_figure
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import ALIKE, LEAST_ORDER, error_at, in_words
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
@@ -314,12 +315,10 @@ def _said(order: float) -> str:
 
 
 def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    canvas = Canvas(figsize=(9.5, 5.2), layout="constrained")
-    axes = FigureCanvasAgg(canvas).figure.subplots()
+    canvas = empty_figure((9.5, 5.2))
+    axes = canvas.subplots()
     base, shown = base_points(points), [point for point in points if math.isfinite(point.error) and point.error > 0.0]
     axes.plot([point.cpu for point in base], [point.error for point in base], "o-", color="black", lw=1.4, ms=6,
               label=f"{SPACING}, {_said(order_of(points))}")

@@ -16,13 +16,13 @@ PLACES = ("breaks", "regions")  # of the wall: measured and drawn
 ENDS = ("output.duration", "output.until_rest")  # frames that are there already stay as they are
 PICTURE = ("output.cell_ratio", "output.contour", "output.kernel", "output.smoothing_length", "output.image_size",
            "output.formats", "output.second_means")
-COLORS = ("liquids.color", "liquids.clear", "liquids.source")
-LOOKS = (*COLORS, "eye.side")
+COLORS = ("liquids.color", "liquids.source")
+LOOKS = (*COLORS, "liquids.clear", "eye.side")  # what is clear tells which liquid is the oil
 ILLUSTRATED = ("description", "accuracy", "start_from", "initial", "blocks", "schemes", "numerics", *ENDS,
                *(key for key in PICTURE if key != "output.second_means"), "liquids.source", *PLACES)
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "advise": ("description", "label", *PICTURE, *LOOKS, *PLACES),
+    "advise": ("description", "label", *PICTURE, *COLORS, "eye.side", *PLACES),
     "estimate": ("description", "label", *LOOKS, *PLACES),
     "cost": ("description", "label", *LOOKS, *PLACES),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",

@@ -58,6 +58,8 @@ class Effect:
     checks : functions that yield the key and the message of what is wrong in a scene. Their arguments name what they
         look at: `parameters`, the fields of a scene, `closed`, `bulk_liquids`, and `fill` with `begins`
         (``pipeline.scenes.checks``).
+    doubts : functions of the same kind that yield what a scene may say but hardly means; they can ask for all fields of
+        a scene, for `oil`, the name of the liquid in the place of the oil, and for `down`, (3,) or None.
     measures : numbers of every frame that it knows.
     """
 
@@ -80,6 +82,7 @@ class Effect:
     reference_density: float = 0.0
     solves: str = ""
     checks: tuple[Callable[..., Iterator[tuple[tuple, str]]], ...] = ()
+    doubts: tuple[Callable[..., Iterator[tuple[tuple, str]]], ...] = ()
     measures: tuple[Measure, ...] = ()
 
     if TYPE_CHECKING:  # what single effects have beside

@@ -132,6 +132,25 @@ def _check_room(parameters, fill, begins):
                f"the cavity at the start), but must be at most {100 * most:g} %")
 
 
+def _advice_on_exchanged_places(parameters, liquids, down):
+    density = {liquid.name: liquid.density for liquid in liquids}
+    enters, leaves = density[parameters.liquid], density[parameters.drained_liquid]
+    if down is None or enters == leaves:
+        return
+    below = float(np.subtract(parameters.drain, parameters.cannula) @ down)  # the drain is below the cannula by, m
+    if (below if enters < leaves else -below) < -parameters.radius:
+        where, kind, collects = ("above", "heavier", "below") if enters < leaves else ("below", "lighter", "above")
+        yield (("effects", "injection", "drain"),
+               f"is {1e3 * abs(below):.3g} mm {where} the cannula at the start, but {parameters.drained_liquid}, which "
+               f"leaves, is the {kind} liquid and collects {collects}: are cannula and drain exchanged?")
+
+
+def _advice_on_small_fill(parameters):
+    if parameters.fill <= 0.01:
+        yield (("effects", "injection", "fill"),
+               f"is {100 * parameters.fill:g} % of the cavity (did you mean {1e4 * parameters.fill:g} %?)")
+
+
 @data_oriented
 class Injection(Effect):
     """Growing and shrinking particles at the cannula and the drain.
@@ -155,6 +174,7 @@ class Injection(Effect):
     fewest_liquids = 2
     inside = ("cannula", "drain")
     checks = (_check_exchange, _check_cavity, _check_liquids, _check_start, _check_room)
+    doubts = (_advice_on_exchanged_places, _advice_on_small_fill)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

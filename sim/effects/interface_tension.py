@@ -93,6 +93,18 @@ def _check_cavity(parameters, closed):
                "container, or use cohesion and curvature")
 
 
+def _advice_on_reversed_wetting(parameters, eye, liquids, oil):
+    names, angle = [liquid.name for liquid in liquids], parameters.contact_angle
+    through_other = math.pi - angle if oil == names[0] else angle
+    if eye is None or not parameters.coefficient or through_other <= 0.5 * math.pi + 1e-6 or len(names) < 2:
+        return
+    other = next(name for name in names if name != oil)
+    yield (("effects", "interface_tension", "contact_angle"),
+           f"is {math.degrees(angle):.4g} deg, measured through the first liquid, {names[0]}, so that {oil} would wet "
+           f"the retina, but in an eye {other} does (18.2 deg through it for silicone oil, 38.8 deg for gas): with "
+           f"this order of liquids did you mean {math.degrees(math.pi - angle):.4g} deg?")
+
+
 @data_oriented
 class InterfaceTension(Effect):
     """Tension and wetting of the interface between two liquids."""
@@ -110,6 +122,7 @@ class InterfaceTension(Effect):
     does = frozenset({PULLS})
     fewest_liquids = 2
     checks = (_check_liquids, _check_cavity)
+    doubts = (_advice_on_reversed_wetting,)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

@@ -14,9 +14,11 @@ from conftest import ROOT
 from pipeline import eye as stage
 from pipeline.base.errors import UserError
 from pipeline.cavity import large_stl, mesh_import
-from pipeline.cavity.mesh_import import MeshRefused, globe_center, import_mesh
+from pipeline.cavity.globe import globe_center
+from pipeline.cavity.mesh_import import MeshRefused, import_mesh
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.cavity.surface import cavity_mesh, read_mesh, write_mesh
+from pipeline.pictures import opengl as drawing
 from pipeline.scenes.eye_shape import LENSES, eye_mesh, eye_shape, published_volume
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Eye
@@ -297,6 +299,7 @@ def test_stage_marks_the_defect_in_a_picture(eye, tmp_path, opengl):
 
 def test_defect_without_opengl_keeps_its_sentence(eye, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.pictures.opengl.works", lambda window: False)
+    drawing._ready.cache_clear()
     from pipeline.pictures.defect_picture import picture_of_defect
 
     assert "no picture of the place: no OpenGL" in picture_of_defect(eye, np.empty((0, 2, 3)), tmp_path / "x.png")

@@ -1,6 +1,11 @@
 """Pictures show the right colors, translucency is right, and missing OpenGL ends in one sentence."""
 import dataclasses
 import itertools
+import os
+import re
+import subprocess
+import sys
+import time
 
 import color_vision
 import forked
@@ -402,7 +407,26 @@ def test_preflight_takes_the_first_that_works(monkeypatch):
     monkeypatch.setattr(opengl, "works", lambda window: True)
     assert opengl.find_working_opengl() == "OSMesa"      # a choice of the environment comes first
     monkeypatch.delenv(opengl.VARIABLE)
-    assert opengl.find_working_opengl() == "default"
+    assert opengl.use_working_opengl() == "EGL" and "DISPLAY" not in opengl.os.environ
+
+
+@pytest.mark.parametrize("display", ["10.255.255.1:0", ":99", "nonsense"])
+def test_no_display_is_asked_for(tmp_path, opengl, display):
+    """One of an old session, which does not answer, costs no time and no word."""
+    code = ("import numpy as np\nfrom pipeline.pictures.opengl import off_screen\n"
+            "window = off_screen(window_size=(16, 16))\nwindow.set_background('red')\n"
+            "assert (window.screenshot(None, return_img=True)[8, 8] == [255, 0, 0]).all()\nwindow.close()")
+    begin = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "DISPLAY": display, "WAYLAND_DISPLAY": "wayland-9"})
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "") and time.monotonic() - begin < 60.0
+
+
+def test_windows_have_one_owner():
+    """Nothing below pipeline/ makes a window of pyvista or VTK, but pipeline/pictures/opengl.py."""
+    found = [path.name for path in (ROOT / "pipeline").rglob("*.py")
+             if re.search(r"\bPlotter\(|RenderWindow\(|off_screen=True", path.read_text())]
+    assert found == ["opengl.py"]
 
 
 def test_movie_joins_folders_and_cuts_odd_sizes(tmp_path):

@@ -1,0 +1,35 @@
+"""What the surroundings of a stage may not change: settings of a user that are meant for other programs."""
+import os
+import sys
+import sysconfig
+from collections.abc import Iterable
+from pathlib import Path
+
+# Settings of Matplotlib: a backend that this version does not know would end every stage.
+FOREIGN = ("MPLBACKEND",)
+
+
+def shut_out_foreign_settings() -> None:
+    """Forget settings for other programs, and let packages in PYTHONPATH take the place of no installed ones."""
+    for name in FOREIGN:
+        os.environ.pop(name, None)
+    named = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    sys.path[:] = behind_installed(sys.path, named, Path(sysconfig.get_path("purelib")))
+
+
+def behind_installed(path: Iterable[str], named: Iterable[Path], installed: Path) -> list[str]:
+    """Return a search path with folders of other packages behind the installed ones.
+
+    Parameters
+    ----------
+    path : entries of ``sys.path``.
+    named : folders that PYTHONPATH names; those that hold this project stay where they are.
+    installed : folder of the packages that are installed.
+    """
+    entries = list(path)
+    foreign = {str(folder) for folder in named if not (folder / "pipeline" / "__init__.py").is_file()}
+    last = max((index for index, entry in enumerate(entries) if entry == str(installed)), default=-1)
+    moved = [entry for entry in entries[:max(last, 0)] if entry in foreign]
+    kept = [entry for index, entry in enumerate(entries) if index >= last or entry not in foreign]
+    where = kept.index(str(installed)) + 1 if last >= 0 else len(kept)
+    return [*kept[:where], *moved, *kept[where:]]

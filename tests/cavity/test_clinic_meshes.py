@@ -1,0 +1,287 @@
+"""Meshes as clinics and programs write them: where they lie, how vertices are spread, dialects, steps of voxels."""
+import json
+import struct
+
+import forked
+import numpy as np
+import pytest
+import pyvista
+import trimesh
+from conftest import ROOT
+from skimage.measure import marching_cubes
+
+from pipeline.base.errors import UserError
+from pipeline.cavity.globe import globe_center
+from pipeline.cavity.landmarks import laid
+from pipeline.cavity.mesh_import import import_mesh
+from pipeline.scenes.eye_shape import eye_mesh, eye_shape
+
+SHAPE = eye_shape()
+
+
+@pytest.fixture(scope="module")
+def eye():
+    """The default eye in mm."""
+    return eye_mesh(SHAPE).apply_scale(1e3)
+
+
+def read(mesh, folder, name="eye.ply", **options):
+    mesh.export(folder / name)
+    return import_mesh(folder / name, **options)
+
+
+def lying(mesh, folder, comment="", name="eye.ply"):
+    """Return a mesh as the eye stage lays it, and what is said of that; `comment` goes into the head of the file."""
+    mesh.export(folder / name, encoding="ascii")
+    text = (folder / name).read_text()
+    if comment:
+        (folder / name).write_text(text.replace("\nelement vertex", f"\ncomment {comment}\nelement vertex", 1))
+    imported = import_mesh(folder / name)
+    return laid(imported.mesh, None, "right", name, imported.space)
+
+
+def same(one, other, within=1e-6):
+    """Whether two surfaces with the same triangles lie at the same place, m."""
+    return np.abs(one.vertices - other.vertices).max() < within
+
+
+# Where it lies
+
+@pytest.mark.parametrize("place", [(0.9, 0.0, 0.0), (-2.0, 1.0, 2.0), (30.0, -20.0, 5.0), (-400.0, 900.0, 1500.0)])
+def test_the_place_in_the_file_changes_nothing(eye, tmp_path, place):
+    here = read(eye, tmp_path).mesh
+    there = read(eye.copy().apply_translation(place), tmp_path).mesh
+    assert same(here, there, 1e-6)
+    assert np.linalg.norm(globe_center(here)) < 1e-9
+
+
+@pytest.mark.parametrize("lens", ["phakic", "pseudophakic", "aphakic"])
+@pytest.mark.parametrize("length", [0.020, 0.024, 0.032])
+def test_the_center_of_the_globe_is_found_behind_every_lens(lens, length):
+    assert np.linalg.norm(globe_center(eye_mesh(eye_shape(length, lens=lens)))) < 0.1e-3
+
+
+def test_the_spread_of_vertices_changes_nothing(eye):
+    """One side is cut up sixteen times finer; the center of the vertices moves by millimeters."""
+    side = eye.triangles_center[:, 0] > 6.0
+    fine = eye
+    for _ in range(2):
+        side = fine.triangles_center[:, 0] > 6.0
+        fine = fine.subdivide(face_index=np.flatnonzero(side))
+    assert np.linalg.norm(fine.vertices.mean(axis=0) - eye.vertices.mean(axis=0)) > 1.0
+    assert np.linalg.norm(globe_center(fine) - globe_center(eye)) < 0.02
+
+
+def test_a_spike_is_told_and_moves_nothing(eye, tmp_path):
+    spiked = eye.copy()
+    spiked.vertices[eye.vertices[:, 0].argmax()] *= 2.2
+    imported = read(spiked, tmp_path, force=True)
+    assert any("has a spike: its point (" in one for one in imported.warnings)
+    assert np.abs(np.median(imported.mesh.vertices - read(eye, tmp_path).mesh.vertices, axis=0)).max() < 0.05e-3
+
+
+# How it lies
+
+AXES = {"LPS": lambda p: p[:, [0, 2, 1]] * [1, -1, 1], "RAS": lambda p: p[:, [0, 2, 1]] * [-1, 1, 1]}
+
+
+@pytest.mark.parametrize("space", AXES)
+@pytest.mark.parametrize("told", [True, False])
+def test_axes_of_segmentations_are_told_by_the_head_or_found_by_the_flat_side(eye, tmp_path, space, told):
+    expected = lying(eye, tmp_path)[0]
+    other = trimesh.Trimesh(AXES[space](eye.vertices), eye.faces, process=False)
+    mesh, said = lying(other, tmp_path, f"SPACE={space}" if told else "")
+    assert same(mesh, expected, 2e-6) and mesh.volume > 0.0
+    words = f"whose axes are {space}" if told else "it was turned to be anterior, with z of the file superior"
+    assert words in said[0]
+
+
+def test_a_head_that_contradicts_the_shape_is_told(eye, tmp_path):
+    _, said = lying(eye, tmp_path, "SPACE=LPS")
+    assert "which would not be anterior: give eye.landmarks if the head of the file is wrong" in said[1]
+
+
+def test_an_eye_that_looks_back_is_turned_about_its_upright_axis(eye, tmp_path):
+    expected = lying(eye, tmp_path)[0]
+    back = trimesh.Trimesh(eye.vertices * [-1, 1, -1], eye.faces, process=False)
+    mesh, said = lying(back, tmp_path)
+    assert same(mesh, expected, 2e-6) and "y of the file superior" in said[0]
+
+
+def test_gaze_is_kept(eye, tmp_path):
+    """An eye that looks 15 degrees up lies as its axes say."""
+    turned = eye.copy().apply_transform(trimesh.transformations.rotation_matrix(np.radians(-15.0), [1, 0, 0]))
+    _, said = lying(turned, tmp_path)
+    assert said == ["its axes were taken as they are: x to the patient's left, y superior, z anterior"]
+
+
+# What it is made of
+
+def test_units_of_inches_are_told_and_read(eye, tmp_path):
+    small = eye.copy().apply_scale(1 / 25.4)
+    with pytest.raises(UserError, match=r"set eye\.unit: in"):
+        read(small, tmp_path)
+    assert read(small, tmp_path, unit="in").mesh.volume == pytest.approx(1e-9 * eye.volume, rel=1e-5)
+
+
+def test_several_bodies_are_told_before_their_size(eye, tmp_path):
+    both = trimesh.util.concatenate([eye, eye.copy().apply_translation([62, 0, 0])])
+    with pytest.raises(UserError, match=r"consists of 2 separate pieces .* export one of them alone .*\(62, 0"):
+        read(both, tmp_path)
+    wall = trimesh.util.concatenate([eye, eye.copy().apply_scale(1.05)])
+    with pytest.raises(UserError, match="like the two sides of a wall: export the inner one alone"):
+        read(wall, tmp_path)
+
+
+def steps(kind, size):
+    """Surface of the default eye made of voxels of a size (3,), in mm, by their sides or by marching cubes."""
+    axes = [np.arange(-14.0, 14.0, one) + 0.13 for one in size]
+    inside = SHAPE.level(1e-3 * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)) < 0.0
+    origin = np.array([one[0] for one in axes])
+    if kind == "marching cubes":
+        vertices, faces, *_ = marching_cubes(inside.astype(float), 0.5, spacing=size)
+        mesh = trimesh.Trimesh(vertices + origin, faces)
+        if mesh.volume < 0.0:
+            mesh.invert()
+        return mesh, inside.sum() * np.prod(size)
+    grid = pyvista.ImageData(dimensions=np.array(inside.shape) + 1, spacing=size, origin=origin - 0.5 * np.array(size))
+    grid.cell_data["inside"] = inside.ravel(order="F").astype(np.uint8)
+    surface = grid.threshold(0.5, scalars="inside").extract_surface(algorithm=None).triangulate().clean()
+    return trimesh.Trimesh(surface.points, surface.regular_faces), inside.sum() * np.prod(size)
+
+
+@pytest.mark.parametrize("kind", ["sides", "marching cubes"])
+@pytest.mark.parametrize("size", [(0.5, 0.5, 0.5), (0.4, 0.4, 1.2)])
+def test_steps_of_voxels_are_refused_or_smoothed_at_the_same_volume(tmp_path, kind, size):
+    mesh, volume = steps(kind, size)
+    with pytest.raises(UserError, match=r"has steps of voxels, of .* set eye\.smooth: true to smooth it"):
+        read(mesh, tmp_path)
+    assert read(mesh, tmp_path, force=True).mesh.area > 1.05e-6 * eye_mesh(SHAPE).apply_scale(1e3).area
+    smooth = read(mesh, tmp_path, smooth=True, to_origin=False)
+    assert smooth.mesh.volume == pytest.approx(1e-9 * mesh.volume, rel=1e-9) == pytest.approx(1e-9 * volume, rel=5e-3)
+    assert any("smoothed steps of voxels" in one for one in smooth.repairs)
+    away = np.abs(SHAPE.level(smooth.mesh.vertices))
+    assert np.sqrt((away**2).mean()) < 0.2e-3 * max(size) and away.max() < 0.8e-3 * max(size)
+    assert smooth.mesh.area == pytest.approx(eye_mesh(SHAPE).area, rel=0.02)
+
+
+def test_smooth_shapes_have_no_steps(eye, tmp_path):
+    assert not read(eye, tmp_path).warnings
+    cube = trimesh.creation.box([17.0] * 3)
+    for _ in range(4):
+        cube = cube.subdivide()
+    assert "smoothed" not in " ".join(read(cube, tmp_path).repairs)
+
+
+# How it is written
+
+def text_stl(mesh, number="{:.6e}".format, solid="eye"):
+    lines = [f"solid {solid}"]
+    for corners in mesh.triangles:
+        lines += ["facet normal 0 0 0", "outer loop", *(f"vertex {' '.join(map(number, one))}" for one in corners),
+                  "endloop", "endfacet"]
+    return "\n".join([*lines, f"endsolid {solid}", ""])
+
+
+def binary_stl(mesh, head=b"", count=None, tail=b""):
+    data = np.zeros(len(mesh.faces), np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")]))
+    data["v"] = mesh.triangles
+    return head.ljust(80) + struct.pack("<I", len(mesh.faces) if count is None else count) + data.tobytes() + tail
+
+
+def obj(mesh, number="{:.6f}".format, order="vertices first"):
+    vertices = [f"v {' '.join(map(number, one))}" for one in mesh.vertices]
+    count = len(mesh.vertices)
+    if order == "from the end":
+        return "\n".join([*vertices, "g wall", *(f"f {a - count} {b - count} {c - count}" for a, b, c in mesh.faces)])
+    faces = [f"f {a + 1}//{a + 1} {b + 1}//{b + 1} \\\n {c + 1}//{c + 1}  # wall" for a, b, c in mesh.faces]
+    return "\n".join(["o eye", *faces, *vertices] if order == "faces first" else ["o eye", *vertices, *faces])
+
+
+def comma(value):
+    return f"{value:.6f}".replace(".", ",")
+
+
+DIALECTS = {
+    "commas.stl": lambda mesh: text_stl(mesh, comma).encode(),
+    "capitals.stl": lambda mesh: text_stl(mesh).upper().encode(),
+    "mark.stl": lambda mesh: b"\xef\xbb\xbf" + text_stl(mesh).replace("\n", "\r\n").encode(),
+    "utf16.stl": lambda mesh: text_stl(mesh).encode("utf-16"),
+    "cyrillic.stl": lambda mesh: text_stl(mesh, solid="Стекловидное тело").encode(),
+    "solid.stl": lambda mesh: binary_stl(mesh, b"solid facet exported"),
+    "uncounted.stl": lambda mesh: binary_stl(mesh, count=0),
+    "tail.stl": lambda mesh: binary_stl(mesh, b"COLOR=\xf0\xf0\xf0\xff", tail=b"\0" * 37),
+    "commas.obj": lambda mesh: obj(mesh, comma).encode(),
+    "faces_first.obj": lambda mesh: obj(mesh, order="faces first").encode(),
+    "from_the_end.obj": lambda mesh: obj(mesh, order="from the end").encode(),
+    "strips.ply": lambda mesh: _strips(mesh),
+}
+
+
+def _strips(mesh):
+    strips = np.column_stack([mesh.faces, np.full(len(mesh.faces), -1)]).ravel()
+    return "\n".join(["ply", "format ascii 1.0", f"element vertex {len(mesh.vertices)}", "property float x",
+                      "property float y", "property float z", "element tristrips 1",
+                      "property list int int vertex_indices", "end_header",
+                      *(" ".join(map(str, one)) for one in mesh.vertices),
+                      f"{len(strips)} {' '.join(map(str, strips))}", ""]).encode()
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return trimesh.creation.icosphere(subdivisions=3, radius=11.0)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_dialects_are_read(ball, tmp_path, name):
+    (tmp_path / name).write_bytes(DIALECTS[name](ball))
+    imported = import_mesh(tmp_path / name)
+    assert len(imported.mesh.faces) == len(ball.faces) and imported.mesh.is_watertight
+    assert imported.mesh.volume == pytest.approx(1e-9 * ball.volume, rel=1e-5)
+    noted = {"tail.stl": "37 bytes behind the last triangle were left out", "uncounted.stl": "no number of triangles"}
+    assert (noted[name] in imported.warnings[0]) if name in noted else not imported.warnings
+
+
+OTHERS = {
+    "pointer.stl": (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n", "run git lfs pull"),
+    "page.stl": (b"<!DOCTYPE html><html><body>Sign in</body></html>", "is a page of the web"),
+    "packed.ply": (b"PK\x03\x04" + b"\0" * 200, "is a zip archive: unpack it"),
+    "packed.obj": (b"\x1f\x8b\x08" + b"\0" * 200, "is compressed by gzip"),
+    "empty.obj": (b"", "is empty, export or copy it again"),
+    "blank.stl": (b" \n" * 100, "has blanks only"),
+    "image.vtk": (b"\0" * 128 + b"DICM" + b"\0" * 100, "is a DICOM image"),
+    "points.ply": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+                   b"end_header\n1 2 3\n", "holds 1 points and no triangles"),
+    "half.obj": (b"v 1 2 3\nv 1 2 4\nv 2 2 4\nf 1 2 3\nf 1 2", "line 5 is no face of three corners or more"),
+    "other.stl": (b"\7" * 84 + b"\0" * 60_000, "cut short"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_files_are_called_what_they_are(tmp_path, name):
+    content, words = OTHERS[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError) as error:
+        import_mesh(tmp_path / name)
+    assert words in str(error.value) and "eye.path" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_the_stage_smooths_and_turns_a_segmentation(tmp_path):
+    """At the command line: an STL of steps in the axes of 3D Slicer."""
+    mesh, _ = steps("marching cubes", (0.6, 0.6, 0.6))
+    mesh.vertices = AXES["LPS"](mesh.vertices) + np.array([31.0, -70.0, 12.0])
+    (tmp_path / "seg.stl").write_bytes(binary_stl(mesh, b"3D Slicer output. SPACE=LPS"))
+    (tmp_path / "tamponade.yaml").write_text((ROOT / "config/scenes/clinic/tamponade.yaml").read_text())
+    (tmp_path / "case.yaml").write_text("extends: tamponade\nnumerics: {particle_spacing: 2 mm}\n"
+                                        "eye: {model: mesh, path: seg.stl, smooth: true}\n")
+    done = forked.run("pipeline.scene", tmp_path / "case.yaml", "--config-dir", ROOT / "config", "--output",
+                      tmp_path / "scene.json")
+    assert done.returncode == 0, done.stderr
+    done = forked.run("pipeline.eye", tmp_path / "scene.json", "--output", tmp_path / "eye.vtp", "--report",
+                      tmp_path / "eye.json")
+    assert done.returncode == 0, done.stderr
+    assert "repair: smoothed steps of voxels" in done.stdout
+    assert "orientation: turned as the head of its file tells, whose axes are LPS" in done.stdout
+    bounds = np.array(json.loads((tmp_path / "eye.json").read_text())["bounds"])
+    expected = eye_mesh(SHAPE).bounds
+    np.testing.assert_allclose(bounds, expected, atol=0.5e-3)
