@@ -9,17 +9,14 @@ import dataclasses
 import functools
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.progress import progress
-from pipeline.base.tables import TIME, read_table
-from pipeline.cavity.initial_state import load_initial
+from pipeline.base.tables import TIME
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
@@ -28,10 +25,8 @@ from pipeline.equilibrium.of_scene import rest_of
 from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.rest import at_rest, rest_begins, row_of_coverage
-from pipeline.scenes.ending import segments_made
-from pipeline.scenes.load import scene_of_run
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs
 from pipeline.simulation.runner import Runner
 from pipeline.simulation.solver_setup import build_solver, frame_of
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
@@ -103,11 +98,11 @@ def run(case: Parameters, *given) -> Outcome:
     ------
     UserError : the scene's own run is asked for with another spacing or start than it has.
     """
-    *folders, scene = given
+    *runs, scene = given
     if case.own_run and (case.particle_spacing is not None or case.seed):
         raise UserError("own_run: the run of the scene itself has the particle spacing of its level and the seed 0; "
                         "leave particle_spacing and seed out")
-    return compared(case, read(folders[0][case.scene]) if folders else solved(changed(case, scene), case.seed))
+    return compared(case, read(runs[0][case.scene]) if runs else solved(changed(case, scene), case.seed))
 
 
 def changed(case: Parameters, scene: Scene) -> Scene:
@@ -174,16 +169,12 @@ def events(scene: Scene, initial: dict[str, np.ndarray], table: dict[str, np.nda
     return events_of(scene, table, float(initial["cavity_volume"]))
 
 
-def read(folder: Path) -> Course:
+def read(run: RunFolder) -> Course:
     """Read what the run of a scene has left in its folder."""
-    scene, initial = scene_of_run(folder), load_initial(folder / "initial.npz")
-    segments = segments_made(scene, folder)
-    paths = [path for name in segments for path in find_frames(folder / "frames" / f"segment_{name}")]
-    clocks = [read_costs(folder / "costs" / f"segment_{name}.json")["frames"] for name in segments]
-    seconds = sum(without_compilation([frame["wall_seconds"] for frame in one if frame["frame"] > 0])
-                  for one in clocks)
-    late = [Measured(scene, initial, read_frame(path)) for path in paths[-frames_at_the_end(scene):]]
-    return Course(scene, initial, read_table(folder / "metrics.csv"), late, seconds)
+    seconds = sum(without_compilation([frame["wall_seconds"] for frame in one["frames"] if frame["frame"] > 0])
+                  for one in run.costs)
+    late = [Measured(run.scene, run.initial, frame.read()) for frame in run.frames[-frames_at_the_end(run.scene):]]
+    return Course(run.scene, run.initial, run.table, late, seconds)
 
 
 def without_compilation(seconds: Sequence[float]) -> float:

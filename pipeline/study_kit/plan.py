@@ -15,6 +15,7 @@ from typing import Any
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
 from pipeline.scenes.model import Scene
@@ -58,9 +59,9 @@ class Case:
         return {name: OUTPUTS / name / self.accuracy for name in names}
 
     def run(self) -> Outcome:
-        """Run the case; a family with ``scenes`` gets the folders of their results too, one with ``solves`` a scene."""
-        given = [*([self.folders()] if self.folders() else []), *self.solved()]
-        return self.family.run(self.parameters, *given)
+        """Run the case; a family with ``scenes`` gets their runs too, one with ``solves`` a scene."""
+        runs = {name: RunFolder(folder) for name, folder in self.folders().items()}
+        return self.family.run(self.parameters, *([runs] if runs else []), *self.solved())
 
     def solved(self) -> list[Scene]:
         """The scene that the family solves by itself, if it does."""
