@@ -13,7 +13,7 @@ from pipeline.study_kit.model import Curve, Figure, Outcome
 from pipeline.study_kit.tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
+SHOWN_BY = ("gravity", "viscosity_implicit", "interface_tension")  # effects of scenes that show its error
 SCENE = "resting_eye"
 WIDTH = 0.022  # m
 HEADLINE, PER_WIDTH = "height of the aqueous, difference from the finest run", 1.0

@@ -14,7 +14,6 @@ from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.tank import TankParameters, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 OIL, AQUEOUS = "silicone_oil_1000", "aqueous"
 
 

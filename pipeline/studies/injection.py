@@ -18,7 +18,6 @@ from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import Run, TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("injection", "gravity", "viscosity_implicit", "interface_tension")
 WIDTH = 0.022  # m
 READINGS = 20  # of the distances between particles
 FIGURES = (

@@ -24,7 +24,6 @@ from pipeline.study_kit.tank import advance, time_rows
 from sim.effects.gravity import POSTURES
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 SCENES, AQUEOUS = ("resting_eye", "gas_eye"), "aqueous"
 PARTS = {"retina": "whole", "superior": "superior", "inferior": "inferior", "macula": "macula"}
 TOLERANCE = 3.0     # points of a covered share

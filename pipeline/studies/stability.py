@@ -23,7 +23,7 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.schemes.wcsph import WCSPHParameters
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "diffusion", "injection")
+EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "diffusion", "injection", "cohesion")
 PICTURES = ("stability_table",)
 COLORS = {hard.HELD: "#cfe8d5", hard.DEGRADED: "#f6e7b4", hard.REFUSED: "#d5dfee", hard.FAILED: "#f2b8ad"}
 WORDS = {hard.HELD: "held", hard.DEGRADED: "held, small steps", hard.REFUSED: "refused", hard.FAILED: "failed"}

@@ -17,10 +17,9 @@ from pipeline.base.errors import UserError
 from pipeline.base.words import printable
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.folders import scene_path
-from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
+from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene, project_materials
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
-from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.question_page import page_module
@@ -78,16 +77,21 @@ class Case:
         """Stages of those scenes, beside their metrics, whose results the case reads, or names of single files."""
         return getattr(self.family, "READS", ("frames",))
 
+    def choices(self) -> frozenset[str]:
+        """Effects and schemes whose code the case runs: those of what it solves, a scene or solvers of its own."""
+        scenes = self.solved()
+        names = {name for scene in scenes for name in (*scene.effects, scene.numerics.scheme)}
+        own = [self.parameters.scheme] if hasattr(self.parameters, "scheme") else []
+        return frozenset(names.union(own, getattr(self.family, "EFFECTS", ())))
+
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
-        chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        chosen |= {name for scene in self.solved() for name in (*scene.effects, scene.numerics.scheme)}
         read: list[Any] = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
         if hasattr(self.family, "liquids"):
             liquids = (project_materials()[name] for name in self.family.liquids(self.parameters))
             read += [[liquid.density, liquid.dynamic_viscosity] for liquid in liquids]
         values = json.dumps([dataclasses.asdict(self.parameters), *read], sort_keys=True)
-        return shortened(values, _code_digest(self.family.__name__, frozenset(chosen)))
+        return shortened(values, _code_digest(self.family.__name__, self.choices()))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,7 +165,7 @@ class Study:
 
 def spacings() -> dict[str, float]:
     """Particle spacing of every accuracy level, m."""
-    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
+    return {name: numerics.particle_spacing for name, numerics in load_accuracy_levels(ACCURACY).items()}
 
 
 def study_names(folder: Path = STUDIES) -> list[str]:
@@ -180,7 +184,8 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
     Parameters
     ----------
     accuracy : level of ``config/accuracy.yaml``; a value given as ``{draft: ..., standard: ..., fine: ...}`` follows
-        it.
+        it. At a level that is not named the value is that of the next coarser one that is, at one that is coarser than
+        all of them that of the coarsest.
 
     Raises
     ------
@@ -190,7 +195,7 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
     if name not in study_names(folder):
         raise UserError(f'{folder}: no study is called "{name}"{nearest(name, study_names(folder))}; there are '
                         f"{', '.join(study_names(folder))}")
-    path, levels = folder / f"{name}.yaml", list(read_yaml(ACCURACY))
+    path, levels = folder / f"{name}.yaml", spacings()
     if accuracy not in levels:
         raise UserError(f'--accuracy is "{accuracy}", but must be one of {", ".join(levels)}'
                         f"{nearest(accuracy, levels)}")
@@ -221,12 +226,21 @@ class _Words:
 
 @dataclasses.dataclass(frozen=True)
 class _Level:
+    """The level of a study, and the particle spacings of all that there are, m."""
+
     accuracy: str
-    known: list[str]
+    spacings: dict[str, float]
 
     def choose(self, value: Any) -> Any:
         """The value for this level, where it is given level by level."""
-        return value[self.accuracy] if isinstance(value, dict) and set(value) == set(self.known) else value
+        named = self.named(value)
+        not_finer = [name for name in named if self.spacings[name] >= self.spacings[self.accuracy]]
+        return value if not named else value[not_finer[0] if not_finer else named[-1]]
+
+    def named(self, value: Any) -> list[str]:
+        """The levels that a value is given for, fine to coarse, of several alike that of the study first."""
+        named = value.keys() & self.spacings.keys() if isinstance(value, dict) else ()
+        return sorted(named, key=lambda name: (self.spacings[name], name != self.accuracy, name))
 
 
 def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> dict[str, Case]:
@@ -236,12 +250,15 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
     if any(not isinstance(block, dict) for block in blocks):
         errors.add(key, f"is {describe(declared)}, but must be a mapping (`name: value` lines), or a list of mappings")
         return {}
+    reader = Reader(errors)
+    for field, value in itertools.chain.from_iterable(block.items() for block in blocks):
+        if level.named(value):
+            reader.refuse_unknown(value, level.spacings, (*key, field))
     chosen = [{field: level.choose(value) for field, value in block.items()} for block in blocks]
     count = sum(math.prod(map(len, _choices(family.Parameters, block))) for block in chosen)
     if count > MOST_CASES:
         errors.add(key, f"has {count} combinations, but must have at most {MOST_CASES}")
         return {}
-    reader = Reader(errors)
     read = [reader.record(family.Parameters, values, key) for block in chosen
             for values in _combinations(family.Parameters, block)]
     if not all(isinstance(one, family.Parameters) for one in read):
@@ -257,8 +274,8 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
         accuracy = getattr(one, "accuracy", level.accuracy)
-        if accuracy not in level.known:
-            errors.add((*key, "accuracy"), f"is {describe(accuracy)}, but must be one of {', '.join(level.known)}")
+        if accuracy not in level.spacings:
+            errors.add((*key, "accuracy"), f"is {describe(accuracy)}, but must be one of {', '.join(level.spacings)}")
         cases[case] = Case(case, family, one, accuracy)
     return cases
 

@@ -248,10 +248,15 @@ def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
     for point in base:
         errors = [factor * point.resolution**-order] * 3 if by_difference else [point.error, point.least, point.most]
         rows.append({"case": name, "quantity": family.HEADLINE, "unit": point.unit,
-                     "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
+                     "effects": " ".join(shown_by(family)), "per_width": family.PER_WIDTH,
                      "resolution": point.resolution, **dict(zip(("error", "least", "most"), errors, strict=True)),
                      "starts": point.starts, "order": quoted})
     return rows
+
+
+def shown_by(family) -> tuple[str, ...]:
+    """Return the effects of a scene in which the error of a family is to be expected."""
+    return family.SHOWN_BY if hasattr(family, "SHOWN_BY") else family.EFFECTS
 
 
 def _last_order(base: Sequence[Point]) -> float:

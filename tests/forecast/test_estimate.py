@@ -34,7 +34,7 @@ from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.study_kit.plan import load_study
-from pipeline.study_kit.tradeoff import orders_of, points_of
+from pipeline.study_kit.tradeoff import orders_of, points_of, shown_by
 
 SCENES = ROOT / "config" / "scenes"
 LEVELS = tuple(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
@@ -379,7 +379,7 @@ def test_errors_that_the_project_comes_with_are_those_of_its_study():
     for row in rows:
         family = families[row["case"]]
         assert row["quantity"] == family.HEADLINE and float(row["per_width"]) == family.PER_WIDTH
-        assert row["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+        assert row["effects"] == " ".join(shown_by(family))
         assert float(row["least"]) <= float(row["error"]) <= float(row["most"])
 
 

@@ -1,6 +1,8 @@
 """Studies: their plans, what a case returns, the table, and that a rerun repeats only what changed."""
+import ast
 import csv
 import dataclasses
+import functools
 import importlib
 import math
 import sys
@@ -13,6 +15,7 @@ from conftest import ROOT
 from snakemake_output import TRACE, planned
 
 from pipeline import study_report
+from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_accuracy_levels
 from pipeline.study import run_case
@@ -22,6 +25,7 @@ from pipeline.study_kit.plan import load_study, study_names
 from pipeline.study_kit.report import outcomes_so_far, summary
 from pipeline.workflow.scenes import Workflow
 from pipeline.workflow.studies import Studies
+from sim.effects import REGISTRY
 
 SMALL = """
 title: Small
@@ -169,7 +173,7 @@ def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeyp
     assert len({studies.depends("small", "draft", case) for case in cases}) == 1000
     assert {studies.threads("small", "draft", case, 2) for case in cases} == {1}
     assert not any(studies.inputs("small", "draft", case) for case in cases)
-    assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 2}  # the study, and the names of the levels
+    assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 1}  # the levels are read by their own reader
 
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
@@ -179,6 +183,61 @@ def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
     study = load_study(name, accuracy)
     assert study.cases and len(set(study.pictures())) == len(study.pictures())
     assert all(case.digest() for case in study.cases.values())
+
+
+@pytest.mark.usefixtures("nothing_planned")
+@pytest.mark.parametrize(("level", "spacing"), [("quick", "2 mm"), ("between", "0.6 mm"), ("finest", "0.2 mm")])
+def test_every_study_can_be_laid_out_at_a_level_that_no_study_knows(project, monkeypatch, level, spacing):
+    monkeypatch.chdir(project.folder)
+    monkeypatch.setattr(plan, "PROJECT_CONFIG", project.folder / "config")
+    with (project.folder / "config" / "accuracy.yaml").open("a") as file:
+        file.write(f"{level}: {{particle_spacing: {spacing}}}\n")
+    studies = Studies(Workflow({"scenes": ["tiny"], "accuracy": level}))
+    for name in study_names():
+        cases = studies.study(name, level).cases
+        assert cases and all(studies.depends(name, level, case) for case in cases)
+
+
+def test_a_level_without_a_value_of_its_own_takes_that_of_the_next_coarser_one(write):
+    write(SMALL.replace("standard: [10, 12], ", ""))
+    given = {level: load_study("small", level).cases["taylor_green-5"].parameters.resolutions
+             for level in ("draft", "standard", "fine")}
+    assert given == {"draft": (8,), "standard": (8,), "fine": (12, 14)}
+    write(SMALL.replace("draft: [8], ", ""))
+    assert load_study("small", "draft").cases["taylor_green-5"].parameters.resolutions == (10, 12)
+
+
+@functools.cache
+def effect_files(module, choices):
+    """Names of the effects whose files count for the outcome of cases."""
+    used = modules_used(module, choices)
+    return {path.stem for path in used if path.parent == ROOT / "sim" / "effects"} & {*REGISTRY}
+
+
+@pytest.mark.parametrize("name", ["ink_drop_study", "oil_shape_study", "coupling_study", "collision_study"])
+def test_what_only_reads_runs_depends_on_no_effect(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    case = next(case for case in load_study(name).cases.values() if case.folders())
+    assert not case.choices() and not effect_files(case.family.__name__, case.choices())
+
+
+@pytest.mark.parametrize("family", plan.family_names())
+def test_the_effects_that_a_family_names_count_for_its_cases(family, monkeypatch):
+    """Of what is solved, in its file and in that of the hard cases, every name of an effect is one that counts."""
+    monkeypatch.chdir(ROOT)
+    cases = [case for study in study_names() for case in plan.cached_study(study, "draft").cases.values()
+             if case.family.__name__.endswith(f".{family}")]
+    assert cases
+    if all(case.folders() for case in cases):
+        return
+    read = {path: ast.parse(path.read_text()) for path in modules_used(f"pipeline.studies.{family}")
+            if path.stem in (family, "hard_cases")}
+    names = {node.value for tree in read.values() for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    fields = {field.name for field in dataclasses.fields(cases[0].parameters)}
+    counted = {case.name: effect_files(case.family.__name__, case.choices()) for case in cases}
+    assert names & {*REGISTRY} - fields <= set().union(*counted.values())
+    for case in cases:
+        assert {name for scene in case.solved() for name in scene.effects} <= counted[case.name]
 
 
 @pytest.mark.parametrize("name", ["cannula_flow", "exchanged_oil", "moved_oil", "shed_droplets"])
@@ -239,6 +298,7 @@ def test_how_long_a_case_runs_is_not_in_its_name(write):
     ("cases: {taylor_green: {scheme: sph}}", "scheme is \"sph\", but must be one of"),
     ("cases: {taylor_green: [{reynolds: 1}, {reynolds: 1}]}", "declares the case taylor_green twice"),
     ("cases: {taylor_green: 1}", "must be a mapping"),
+    ("cases: {taylor_green: {reynolds: {draft: 1, standart: 2}}}", "did you mean standard"),
     ("caes: {}", "did you mean cases"),
 ])
 def test_study_with_errors_is_refused_in_a_sentence(write, text, sentence):
