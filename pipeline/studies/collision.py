@@ -19,11 +19,11 @@ from pipeline.pictures.picture_grid import sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import seconds_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row
 from sim.parameters import parameter
 
 PICTURES = ("collision_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 460         # of a picture, in pixels of the large canvas
 TOUCHING = 1.5      # particles of one liquid closer than this, in spacings, are of one piece
 SMALLEST_PIECE = 5  # particles
@@ -181,3 +181,6 @@ def row_of_moments(each: Played, count: int, width: int):
     saved = each.run.frames
     chosen = [saved[index] for index in np.rint(np.linspace(0, len(saved) - 1, count)).astype(int)]
     return each.scene.title, moments(each.scene, chosen, width, lambda _, frame: f"{1e3 * frame.time:.0f} ms")
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), pictures=PICTURES)

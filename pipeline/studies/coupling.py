@@ -22,6 +22,7 @@ from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import seconds_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.surfaces.saved_frame import SavedFrame
 from sim.parameters import parameter
@@ -35,7 +36,6 @@ FIGURES = (
     Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles, without spray"),
 )
 PICTURES = ("coupling_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 480          # of a picture, in pixels of the large canvas
 OURS = "volume_incompressible"
 NAMES = {OURS: "Volume-incompressible method", "dfsph": "DFSPH", "wcsph": "WCSPH"}
@@ -231,3 +231,7 @@ def _side_by_side(methods: list[Method], count: int) -> bytes:
     return sheet([(NAMES.get(method.name, method.name), moments(method.scene, [method.saved[k] for k in indices], WIDTH,
                                                                 lambda _, frame: f"{frame.time:.2f} s"))
                   for method in methods])
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), figures=FIGURES,
+                pictures=PICTURES)

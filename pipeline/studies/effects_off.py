@@ -25,6 +25,7 @@ from pipeline.pictures.picture_grid import sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
 from pipeline.studies.oil_shape import measured
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from sim.parameters import parameter
 
@@ -35,7 +36,6 @@ FIGURES = (
 )
 WIDTH, ACROSS = 330, 2  # pixels of a section, and of a map of the fundus; scenes side by side
 PICTURES = ("effects_pictures",)
-READS = ("frames", "surfaces", "images", "effects.csv")
 OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
 METRICS = {"wall coverage": ("wall_coverage", "%"), "fill": ("fill", "%"), "rms speed": ("speed_rms", "mm/s")}
 
@@ -173,3 +173,7 @@ def _side_by_side(order: list[tuple[Result, str]]) -> bytes:
         rows.append((f"{one.scene.title}: {caption or f'{one.seconds:.0f} s of computing time'}",
                      [(panel, "") for panel in drawn]))
     return sheet(rows, ACROSS)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images", "effects.csv"),
+                figures=FIGURES, pictures=PICTURES)

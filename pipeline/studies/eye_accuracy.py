@@ -8,7 +8,7 @@ import collections
 import dataclasses
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,7 @@ from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
 from pipeline.simulation.runner import Runner
 from pipeline.simulation.solver_setup import build_solver, frame_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.surgeons_words import EYE_RUNS, covered_at
 from pipeline.study_kit.tank import WALL_TIME
@@ -37,8 +38,6 @@ from sim.parameters import parameter
 if TYPE_CHECKING:
     import trimesh
 
-THREADS = 2         # the wait that the figure tells is that on two cores
-READS = ()          # with the metrics of a run, its frames and costs are there
 PARTS = {"whole": "retina", "superior": "superior", "inferior": "inferior", "macula": "macula"}
 NEIGHBORS = 100     # within a support of 2.5 spacings there are 65
 LONGEST_EDGE = 1e-3  # m
@@ -60,7 +59,6 @@ class Parameters:
     times: tuple[float, ...] = parameter((1.0, 2.0, 3.0, 4.0, 6.0, 8.0), unit="s", exclusive_minimum=0.0,
                                          meaning="times at which the covered retina is told")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("times",)
 
 
 def scenes(case: Parameters) -> tuple[str, ...]:
@@ -91,18 +89,17 @@ class Course:
     seconds: float
 
 
-def run(case: Parameters, *given) -> Outcome:
+def run(case: Parameters, runs: Mapping[str, RunFolder], scene: Scene) -> Outcome:
     """Solve the scene, or read its own run, and set it beside the shape of least energy.
 
     Raises
     ------
     UserError : the scene's own run is asked for with another spacing or start than it has.
     """
-    *runs, scene = given
     if case.own_run and (case.particle_spacing is not None or case.seed):
         raise UserError("own_run: the run of the scene itself has the particle spacing of its level and the seed 0; "
                         "leave particle_spacing and seed out")
-    return compared(case, read(runs[0][case.scene]) if runs else solved(changed(case, scene), case.seed))
+    return compared(case, read(runs[case.scene]) if runs else solved(changed(case, scene), case.seed))
 
 
 def changed(case: Parameters, scene: Scene) -> Scene:
@@ -252,3 +249,8 @@ def compared(case: Parameters, course: Course) -> Outcome:
     outcome.tables["eye_runs"] = [[*EYE_RUNS, *way], [scene.name, case.accuracy, *(f"{one:.6g}" for one in values),
                                                      *(f"{one:.6g}" for one in way.values())]]
     return outcome
+
+
+# With the metrics of a run, its frames and costs are there; the wait that the figure tells is that on two cores.
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=(), solves=solves, unnamed=("times",),
+                figures=FIGURES, threads=2)

@@ -17,6 +17,7 @@ from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.surfaces.saved_frame import SavedFrame
 from sim.parameters import parameter
@@ -26,7 +27,6 @@ FIGURES = (
     Figure("ink_drop_entropy", "Entropy of mixing", "time / s", "entropy / evenly mixed"),
 )
 PICTURES = ("ink_drop_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 500  # of a picture, in pixels of the large canvas
 LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
 
@@ -128,3 +128,7 @@ def _rows_of_pictures(mixtures: list[Mixture], count: int) -> bytes:
         rows.append((f"D_m = {mixture.coefficient:g} m²/s",
                      moments(mixture.scene, [mixture.frames[k] for k in indices], WIDTH, caption)))
     return sheet(rows)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), figures=FIGURES,
+                pictures=PICTURES)

@@ -17,6 +17,7 @@ from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from sim.parameters import parameter
 
@@ -26,7 +27,6 @@ FIGURES = (
 )
 WIDTH = 330  # pixels of a section, and of a map of the fundus
 PICTURES = ("oil_shape_pictures",)
-READS = ("frames", "surfaces", "images")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,3 +117,7 @@ def _side_by_side(oils: list[Oil], count: int) -> bytes:
             row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]
         rows.append((oil.scene.title, row))
     return sheet(rows)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images"), figures=FIGURES,
+                pictures=PICTURES)

@@ -16,11 +16,11 @@ from pipeline.pictures.picture_grid import sheet
 from pipeline.runs.run_folder import RunFolder
 from pipeline.simulation.cost_files import seconds_of
 from pipeline.studies.collision import Played, played, row_of_moments
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row, compared
 from sim.parameters import parameter
 
 PICTURES = ("position_based_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 290         # of a picture, in pixels of the large canvas
 CLOSE = 0.5         # spacings: nearer particles count as clumped
 SPREAD = 0.95       # quantile of the radii that counts as the edge of what has spread
@@ -187,3 +187,6 @@ def _walls(outcome: Outcome, runs: dict[str, Played]) -> None:
 def _contact_sheet(runs: list[Played], count: int) -> bytes:
     """All scenes, two side by side, at some times, as PNG."""
     return sheet([row_of_moments(each, count, WIDTH) for each in runs], across=2)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), pictures=PICTURES)
