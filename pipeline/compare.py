@@ -17,17 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base import page
+from pipeline.base import cli, page
 from pipeline.base.canvas import empty_figure
-from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
-from pipeline.base.tables import TIME, read_table
+from pipeline.base.tables import TIME
 from pipeline.pictures.picture_grid import as_png
-from pipeline.scenes.ending import segments_made
-from pipeline.scenes.load import scene_of_run
-from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs, seconds_of
+from pipeline.runs.run_folder import RunFolder
+from pipeline.simulation.cost_files import seconds_of
+from pipeline.surfaces.saved_frame import number_of
 
 # What is drawn and comes first in the table, as far as the scene has it; the other metrics follow.
 HEADLINES = ("retina_coverage_whole", "wall_coverage", "contact_arc", "fill", "center_of_mass_*_y", "speed_rms",
@@ -38,22 +36,6 @@ COLORS = ("#6b7f93", "#c8553d")
 ACROSS = 3          # curves in a row
 WIDTH = 16.0        # of the picture, inches
 MARKED = 0.1        # share of the extent of a metric from which its row is marked
-
-
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """One level of a scene; `pictures` by number of frame, `costs` of the segments."""
-
-    folder: Path
-    scene: Scene
-    table: dict[str, np.ndarray]
-    pictures: dict[int, Path]
-    costs: list[dict]
-
-    @property
-    def level(self) -> str:
-        """Name of the accuracy level."""
-        return self.scene.accuracy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,23 +73,7 @@ class Difference:
         return self.rank < len(HEADLINES)
 
 
-def read_run(folder: Path) -> Run:
-    """Read one level of a scene.
-
-    Raises
-    ------
-    UserError : it has not been run, or a file is damaged.
-    """
-    scene = scene_of_run(folder)
-    segments = segments_made(scene, folder)
-    pictures = {int(path.stem.rpartition("_")[2]): path for name in segments
-                for path in folder.glob(f"images/segment_{name}/frame_*.png")}
-    costs = [folder / "costs" / f"segment_{name}.json" for name in segments]
-    return Run(folder, scene, read_table(folder / "metrics.csv"), pictures,
-               [read_costs(path) for path in costs if path.exists()])
-
-
-def check(runs: Sequence[Run]) -> None:
+def check(runs: Sequence[RunFolder]) -> None:
     """Refuse what are not two levels of one scene."""
     one, other = runs
     if one.scene.name != other.scene.name:
@@ -117,7 +83,7 @@ def check(runs: Sequence[Run]) -> None:
         raise UserError(f"{one.folder}, {other.folder}: must be two levels, but both are {one.level}")
 
 
-def common_frames(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
+def common_frames(runs: Sequence[RunFolder]) -> tuple[np.ndarray, np.ndarray]:
     """Rows of both tables, (n,) each, that are the same frame at the same time.
 
     Raises
@@ -134,21 +100,22 @@ def common_frames(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
     return first[same], second[same]
 
 
-def last_pictures(runs: Sequence[Run], frames: Iterable[float]) -> tuple[int, list[Path]]:
+def last_pictures(runs: Sequence[RunFolder], frames: Iterable[float]) -> tuple[int, list[Path]]:
     """Return the last of the frames of which both runs have a picture, and the two pictures.
 
     Raises
     ------
     UserError : there is none.
     """
-    drawn = [int(frame) for frame in frames if all(int(frame) in run.pictures for run in runs)]
+    pictures = [{number_of(path): path for path in run.pictures} for run in runs]
+    drawn = [int(frame) for frame in frames if all(int(frame) in known for known in pictures)]
     if not drawn:
         raise UserError(f"{runs[0].folder}/images, {runs[1].folder}/images: have no picture of a common frame; run the "
                         "render stage at both levels")
-    return drawn[-1], [run.pictures[drawn[-1]] for run in runs]
+    return drawn[-1], [known[drawn[-1]] for known in pictures]
 
 
-def differences(runs: Sequence[Run], rows: Sequence[np.ndarray]) -> list[Difference]:
+def differences(runs: Sequence[RunFolder], rows: Sequence[np.ndarray]) -> list[Difference]:
     """Compare all metrics that both runs have, those of `HEADLINES` first.
 
     Parameters
@@ -170,17 +137,17 @@ def differences(runs: Sequence[Run], rows: Sequence[np.ndarray]) -> list[Differe
     return sorted(found, key=lambda one: one.rank)
 
 
-def cost(run: Run) -> dict[str, float]:
+def cost(run: RunFolder) -> dict[str, float]:
     """Return what a run has cost: name with unit -> number; what was not recorded is not in it."""
     found = {"particle spacing [mm]": 1e3 * run.scene.numerics.particle_spacing}
-    if run.costs:
+    if all(path.exists() for path in run.cost_files):
         found |= {"liquid particles": run.costs[-1]["particles"], "time steps": sum(one["steps"] for one in run.costs)}
         found |= {"simulation, time by the clock [s]": float(seconds_of(run.costs, "wall_seconds").sum()),
                   "simulation, time of all cores [s]": float(seconds_of(run.costs, "cpu_seconds").sum())}
     return found
 
 
-def in_short(runs: Sequence[Run], found: Sequence[Difference]) -> str:
+def in_short(runs: Sequence[RunFolder], found: Sequence[Difference]) -> str:
     """Return one sentence: what changes most, and how much more it costs."""
     one, other = runs
     most = sorted((change for change in found if change.drawn), key=lambda change: -change.share)[:3]
@@ -202,7 +169,7 @@ def _number(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else ""
 
 
-def picture_of(runs: Sequence[Run], rows: Sequence[np.ndarray], found: Sequence[Difference]) -> bytes:
+def picture_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequence[Difference]) -> bytes:
     """Return the pictures of both levels above the curves of all `HEADLINES`, as PNG."""
     from matplotlib.image import imread
 
@@ -239,7 +206,7 @@ def picture_of(runs: Sequence[Run], rows: Sequence[np.ndarray], found: Sequence[
     return as_png(canvas, dpi=110)
 
 
-def rows_of(runs: Sequence[Run], found: Sequence[Difference]) -> list[list[str]]:
+def rows_of(runs: Sequence[RunFolder], found: Sequence[Difference]) -> list[list[str]]:
     """Return the table as text, the heads first: every metric, then the cost."""
     one, other = runs
     lines = [["what", "unit", one.level, other.level, "largest difference", "at [s]", "of its extent"]]
@@ -259,10 +226,10 @@ def csv_of(lines: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def page_of(runs: Sequence[Run], found: Sequence[Difference], picture: bytes, folder: Path) -> str:
+def page_of(runs: Sequence[RunFolder], found: Sequence[Difference], picture: bytes, folder: Path) -> str:
     """Return the page, with the picture in it and links to those of the runs, to be written into a folder."""
     heads, *lines = rows_of(runs, found)
-    title = f"{runs[0].scene.title or runs[0].scene.name}: {runs[0].level} and {runs[1].level}"
+    title = f"{runs[0].title}: {runs[0].level} and {runs[1].level}"
     # Others are noise about zero, of which a share says nothing.
     marked = [number for number, change in enumerate(found) if change.drawn and change.share >= MARKED]
     return page.page(title, [
@@ -285,7 +252,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--output", type=Path, metavar="NAME",
                    help="files to write, without .html, .png and .csv (default: compare_<level>_<other> beside FOLDER)")
     options = p.parse_args(arguments)
-    runs = [read_run(folder) for folder in options.folders]
+    runs = [RunFolder(folder) for folder in options.folders]
     check(runs)
     rows = common_frames(runs)
     found = differences(runs, rows)
@@ -299,4 +266,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    cli.run(main)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base import page
-from pipeline.base.cli import run
+from pipeline.base import cli, page
 from pipeline.base.files import size_of, write_text
 from pipeline.base.tables import TIME, read_table
 from pipeline.base.usage import taken_by, usage_files
@@ -22,9 +21,8 @@ from pipeline.cavity.initial_state import load_initial
 from pipeline.forecast.estimate_files import read_level
 from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.scene_errors import errors_of
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import SOLVES
-from pipeline.scenes.ending import segments_made
-from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
@@ -106,11 +104,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--logs", type=Path, required=True, metavar="DIR", help="folder of the logs, with what stages took")
     p.add_argument("--output", type=Path, required=True, help="page to write")
     options = p.parse_args(arguments)
-    scene, folder = load_resolved(options.scene), options.scene.parent
+    run = RunFolder(options.scene.parent)
+    scene = run.scene
     level = read_level(options.estimate, scene) if options.estimate else None
     errors = errors_of(scene, float(load_initial(options.initial)["cavity_volume"]))
-    disk = float(sum(size_of(folder / name) for name in FILES))
-    taken = taken_by(usage_files(options.logs, segments_made(scene, folder)))
+    disk = float(sum(size_of(run.folder / name) for name in FILES))
+    taken = taken_by(usage_files(options.logs, run.segments))
     table = read_table(options.metrics)
     lines = compared(level, taken, table, disk, scene.output.frame_interval)
     remark = (f"Predicted were {scene.output.duration:g} s, the most; the scene ended after {table[TIME][-1]:g} s."
@@ -122,4 +121,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    cli.run(main)

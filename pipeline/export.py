@@ -7,28 +7,27 @@
 import argparse
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base import cli
 from pipeline.base.errors import UserError
-from pipeline.exchange.run_index import SavedFrame, saved_frames
-from pipeline.scenes.ending import segments_made
-from pipeline.scenes.load import scene_of_run
-from pipeline.scenes.model import MESH_UNITS, Scene
+from pipeline.runs.run_folder import RunFolder
+from pipeline.scenes.model import MESH_UNITS
+from pipeline.surfaces.saved_frame import SavedFrame
 
 OF_A_FRAME = ("glb", "ply", "stl")
 OF_A_RUN = {"usd": "run.usdc", "usdz": "run.usdz"}
 
 
-def frames_of(folder: Path) -> list[SavedFrame]:
+def ready_frames(run: RunFolder) -> list[SavedFrame]:
     """Return the frames of a run that have surfaces, in the order of time.
 
     Raises
     ------
     UserError : there is none.
     """
-    surfaces = sorted(folder.glob("surfaces/segment_*"))
-    if not surfaces:
-        raise UserError(f"{folder}/surfaces: no surfaces there; run the scene, or its reconstruct stage, first")
-    return saved_frames([folder / "frames" / path.name for path in surfaces], surfaces)
+    frames = run.ready_frames
+    if not frames:
+        raise UserError(f"{run.folder}/surfaces: no surfaces there; run the scene, or its reconstruct stage, first")
+    return frames
 
 
 def chosen_frame(frames: list[SavedFrame], number: int | None) -> SavedFrame:
@@ -38,18 +37,17 @@ def chosen_frame(frames: list[SavedFrame], number: int | None) -> SavedFrame:
     ------
     UserError : there is no such frame.
     """
-    found = {int(one.name.rpartition("_")[2]): one for one in frames}
+    found = {one.number: one for one in frames}
     if number is not None and number not in found:
         raise UserError(f"--frame is {number}, but must be one of {min(found)} to {max(found)}")
     return found[max(found) if number is None else number]
 
 
-def what_is_missing(folder: Path, scene: Scene, frames: list[SavedFrame]) -> str:
+def what_is_missing(run: RunFolder, frames: list[SavedFrame]) -> str:
     """Return how far a run is that has not ended; empty for one that has."""
-    segments, made = segments_made(scene, folder), {frame.surfaces.name for frame in frames}
-    ready = sum(f"segment_{name}" in made for name in segments)
-    return "" if ready == len(segments) else (
-        f"{folder}: unfinished, {ready} of {'at most ' * scene.output.until_rest}{len(segments)} segments have "
+    count, ready = len(run.segments), len({frame.surfaces for frame in frames})
+    return "" if ready == count else (
+        f"{run.folder}: unfinished, {ready} of {'at most ' * run.scene.output.until_rest}{count} segments have "
         f"surfaces; exported up to {frames[-1].time:g} s")
 
 
@@ -70,30 +68,31 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     formats = options.format or ["glb"]
     single, whole = ([one for one in formats if one in kind] for kind in (OF_A_FRAME, OF_A_RUN))
-    scene = scene_of_run(options.folder)
+    run = RunFolder(options.folder)
+    scene = run.scene
     if scene.dimension == 2:
         raise UserError(f"{options.folder}: the surfaces of a scene in two dimensions are lines, but these formats "
                         "hold triangles")
     if options.frame is not None and not single:
         raise UserError(f"--frame is {options.frame}, but --format {whole[0]} holds all frames; leave --frame out, or "
                         f"take a format of one frame: {', '.join(OF_A_FRAME)}")
-    frames, output, wall = frames_of(options.folder), options.output or options.folder / "export", "eye.vtp"
+    frames, output, wall = ready_frames(run), options.output or run.folder / "export", run.wall
     frame = chosen_frame(frames, options.frame)
     if single:
         from pipeline.exchange.mesh_formats import meshes_of, write_meshes
 
-        meshes = meshes_of(frame, scene, options.folder / wall)
+        meshes = meshes_of(frame, scene, wall)
         for path in write_meshes(output, frame.name, meshes, scene, single, 1.0 / MESH_UNITS[options.unit]):
             print(path)
     if whole:
         from pipeline.exchange.usd_film import write_film
 
         for path in (output / OF_A_RUN[one] for one in whole):
-            write_film(path, frames, scene, options.folder / wall)
+            write_film(path, frames, scene, wall)
             print(path)
-        if missing := what_is_missing(options.folder, scene, frames):
+        if missing := what_is_missing(run, frames):
             print(missing)
 
 
 if __name__ == "__main__":
-    run(main)
+    cli.run(main)

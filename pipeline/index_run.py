@@ -10,8 +10,9 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import write_pvd
 from pipeline.exchange.paraview_view import view_script
-from pipeline.exchange.run_index import relative, saved_frames, write_parts
+from pipeline.exchange.run_index import relative, write_parts
 from pipeline.scenes.load import load_resolved
+from pipeline.surfaces.saved_frame import frames_with_surfaces
 
 SCRIPT = "view_run.py"
 
@@ -30,7 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
     scene = load_resolved(options.scene)
     if not options.wall.is_file():
         raise UserError(f"{options.wall}: no such file; run the eye stage first")
-    frames = saved_frames(options.frames, options.surfaces)
+    frames = frames_with_surfaces(options.frames, options.surfaces)
     folder, base = options.output.with_suffix(""), options.output.parent
     with replacing_folder(folder) as partial:
         write_parts(partial, folder, frames, scene, options.wall)

@@ -9,15 +9,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.advice.report import report_of
-from pipeline.base.cli import run
+from pipeline.base import cli
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.measures.events import events_of
+from pipeline.forecast.scene_errors import errors_of
 from pipeline.measures.shown import shown_metrics
-from pipeline.pages.run_folder import read_run
 from pipeline.pages.run_page import page_of
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.folders import scene_file
 from pipeline.scenes.yaml_files import scene_files
+
+
+def refuse_incomplete(run: RunFolder) -> None:
+    """Raise a UserError for a run without what the page shows as it is."""
+    if not run.pictures:
+        raise UserError(f"{run.folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")
+    shown = {"movie.mp4": "movie", "poster.png": "movie"} | ({"still.png": "still"} if run.scene.dimension == 3 else {})
+    for name, stage in shown.items():
+        if not (run.folder / name).is_file():
+            raise UserError(f"{run.folder / name}: no such file; run the {stage} stage first")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -29,17 +39,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
                    help="file of the scene (default: that of its name)")
     p.add_argument("--output", type=Path, metavar="index.html", help="page to write (default: index.html in FOLDER)")
     options = p.parse_args(arguments)
-    found = read_run(options.folder)
-    source = options.source or scene_file(found.scene.name)
+    run = RunFolder(options.folder)
+    refuse_incomplete(run)
+    source = options.source or scene_file(run.scene.name)
     if not source.is_file():
         raise UserError(f"{source}: no such file; name the file of the scene with --source")
     sources, output = scene_files(source), options.output or options.folder / "index.html"
-    text = page_of(found, shown=shown_metrics(found.table, found.metrics),
-                   advice=report_of(found.scene, found.cavity_volume),
-                   events=events_of(found.scene, found.table, found.cavity_volume), sources=sources, path=output)
+    text = page_of(run, shown=shown_metrics(run.table, run.metrics), advice=report_of(run.scene, run.cavity_volume),
+                   errors=errors_of(run.scene, run.cavity_volume), sources=sources, path=output)
     write_text(output, text)
     print(f"{output}: {len(text.encode()) / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":
-    run(main)
+    cli.run(main)

@@ -92,7 +92,7 @@ def main() -> None:
 def _refuse_missing(study: Study, cases: Sequence[Case]) -> None:
     """Stop before a case that reads what is not there yet: its failure would pass for a result."""
     for case in cases:
-        read = [folder / name for folder in case.folders().values() for name in ("metrics.csv", *case.reads)]
+        read = [folder / name for folder in case.folders().values() for name in ("metrics.csv", *case.family.reads)]
         missing = [path for path in (*map(Path, case.files()), *read) if not path.exists()]
         if missing:
             raise UserError(f"{case.name} reads {missing[0]}, which is not there yet; "

@@ -16,9 +16,9 @@ from pipeline.base.files import replacing
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("pipeline", "sim")
-# These only speak to the user.
+# These only speak to the user, or hold what others say.
 WITHOUT_INFLUENCE = ("pipeline.base.cli", "pipeline.base.errors", "pipeline.base.progress",
-                     "pipeline.scenes.memory_check")
+                     "pipeline.scenes.memory_check", "pipeline.study_kit.family")
 # What is said of a scene before it is run counts for the modules that end in words, by the first of these, no others:
 # they know neither these files, nor the hooks of effects and schemes that are read by them, nor their checks.
 ADVICE = ("pipeline.advice.rules", "sim.advice", "sim.effects.parts.viscous_advice")

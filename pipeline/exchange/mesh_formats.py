@@ -6,9 +6,10 @@ import numpy as np
 import trimesh
 
 from pipeline.base.files import replacing
-from pipeline.exchange.run_index import SavedFrame, background_of
+from pipeline.exchange.run_index import background_of
 from pipeline.scenes.model import Scene
-from pipeline.surfaces.surface_files import EMPTY, read_surface, surface_path
+from pipeline.surfaces.saved_frame import SavedFrame
+from pipeline.surfaces.surface_files import EMPTY, read_surface
 
 WALL_COLOR = "#dfe5ec"
 WALL_OPACITY, CLEAR_OPACITY = 0.25, 0.35  # of the wall, and of the liquid around the others
@@ -29,7 +30,7 @@ def mesh_of(path: Path) -> trimesh.Trimesh:
 
 def meshes_of(frame: SavedFrame, scene: Scene, wall: Path) -> dict[str, trimesh.Trimesh]:
     """Return the closed surfaces of a frame in m, name of the liquid or ``wall`` -> mesh; one may be empty."""
-    files = {liquid.name: surface_path(frame.surfaces, frame.name, liquid.name) for liquid in scene.liquids}
+    files = {liquid.name: frame.surface_path(liquid.name) for liquid in scene.liquids}
     return {name: mesh_of(path) for name, path in (files | {"wall": wall}).items()}
 
 

@@ -6,64 +6,29 @@ liquids but the one around them, without what lies at the wall; ``wall``, the ca
 with what touches it; ``section`` and ``coronal``, of an eye; ``places``, its breaks and the regions that the scene
 names.
 """
-import dataclasses
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pipeline.base.errors import UserError
-from pipeline.base.frame_files import find_frames
 from pipeline.base.vtk_files import set_text, write_vtk
 from pipeline.cavity.rays import interpolation
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import direction, globe_radius
-from pipeline.surfaces.surface_files import read_statistics, read_surface, surface_path
+from pipeline.surfaces.saved_frame import SavedFrame
+from pipeline.surfaces.surface_files import read_surface
 
 AT_WALL = 0.1  # depth in particle spacings up to which a surface lies at the wall
 PLACE_STEP, BEFORE_WALL = 2.0, 0.995  # degrees between points of a place, at most; so much nearer to the center
 
 
-@dataclasses.dataclass(frozen=True)
-class SavedFrame:
-    """The files of one saved time."""
-
-    name: str
-    time: float
-    particles: Path
-    surfaces: Path
-
-    def parts(self, scene: Scene, wall: Path) -> dict[str, Path]:
-        """Return the files by the names of the parts, without the interface and the places."""
-        found = {"particles": self.particles}
-        found |= {liquid.name: surface_path(self.surfaces, self.name, liquid.name) for liquid in scene.liquids}
-        sections = {name: self.surfaces / f"{self.name}_{name}.vti" for name in ("section", "coronal")}
-        return found | {"wall": self.wall or wall} | {name: path for name, path in sections.items() if path.is_file()}
-
-    @property
-    def wall(self) -> Path | None:
-        """The file of the wall with what touches it; None where there is none."""
-        path = self.surfaces / f"{self.name}_wall.vtp"
-        return path if path.is_file() else None
-
-
-def saved_frames(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[SavedFrame]:
-    """Return what folders of frames and folders of surfaces hold, in the order of time.
-
-    Raises
-    ------
-    UserError : a frame has no surfaces.
-    """
-    numbers = {path.stem: path for folder in surfaces for path in Path(folder).glob("frame_*.json")}
-    found = []
-    for path in sorted((path for folder in frames for path in find_frames(folder)), key=lambda path: path.stem):
-        if path.stem not in numbers:
-            raise UserError(f"{path}: has no surfaces; run the reconstruct stage on its folder first")
-        time = float(read_statistics(numbers[path.stem])["time"])
-        found.append(SavedFrame(path.stem, time, path, numbers[path.stem].parent))
-    return found
+def parts_of(frame: SavedFrame, scene: Scene, wall: Path) -> dict[str, Path]:
+    """Return the files of a frame by the names of the parts, without the interface and the places."""
+    found = {"particles": frame.particles} | {one.name: frame.surface_path(one.name) for one in scene.liquids}
+    sections = {name: frame.surfaces / f"{frame.name}_{name}.vti" for name in ("section", "coronal")}
+    return found | {"wall": frame.wall or wall} | {name: path for name, path in sections.items() if path.is_file()}
 
 
 def background_of(scene: Scene) -> str | None:
@@ -83,7 +48,7 @@ def write_interface(path: Path, frame: SavedFrame, scene: Scene) -> None:
 
     depth, away, names = AT_WALL * scene.numerics.particle_spacing, [], [liquid.name for liquid in scene.liquids]
     for liquid in shown_liquids(scene):
-        surface = read_surface(surface_path(frame.surfaces, frame.name, liquid))
+        surface = frame.surface(liquid)
         if surface.n_points:
             surface.clear_field_data()
             part = surface.clip_scalar(scalars="depth", invert=False, value=depth)
@@ -150,6 +115,6 @@ def write_parts(folder: Path, final: Path, frames: Sequence[SavedFrame], scene: 
     places = write_places(folder / "places.vtp", scene, wall)
     for frame in frames:
         write_interface(folder / f"{frame.name}_interface.vtp", frame, scene)
-        parts = frame.parts(scene, wall) | {"interface": final / f"{frame.name}_interface.vtp"}
+        parts = parts_of(frame, scene, wall) | {"interface": final / f"{frame.name}_interface.vtp"}
         parts |= {"places": final / "places.vtp"} if places else {}
         write_blocks(folder / f"{frame.name}.vtm", parts, final)

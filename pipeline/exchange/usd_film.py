@@ -22,13 +22,11 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.base.frame_files import read_frame
 from pipeline.base.progress import progress
 from pipeline.base.words import NO_ADVICE, duration
 from pipeline.exchange.mesh_formats import ROUGHNESS, colors_of, linear, mesh_of
-from pipeline.exchange.run_index import SavedFrame
 from pipeline.scenes.model import Scene
-from pipeline.surfaces.surface_files import surface_path
+from pipeline.surfaces.saved_frame import SavedFrame
 
 try:
     from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils, Vt
@@ -112,9 +110,9 @@ def _write_layer(layer: Path, name: Path, frames: Sequence[SavedFrame], scene: S
         _lights(stage, run.GetPath())
     with progress(len(frames), str(name)) as bar:
         for number, (frame, code) in enumerate(zip(frames, codes, strict=True), start=1):
-            gravity.Set(Gf.Vec3d(*map(float, read_frame(frame.particles).gravity)), code)
+            gravity.Set(Gf.Vec3d(*map(float, frame.read().gravity)), code)
             for liquid in scene.liquids:
-                meshes[liquid.name].set(mesh_of(surface_path(frame.surfaces, frame.name, liquid.name)), code)
+                meshes[liquid.name].set(mesh_of(frame.surface_path(liquid.name)), code)
             if number % FRAMES_PER_SAVE == 0:
                 stage.Save()
             bar.update()

@@ -11,22 +11,21 @@ from PIL import Image
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import FrameData, frame_path, read_frame
-from pipeline.base.tables import read_table
+from pipeline.base.frame_files import FrameData, read_frame
 from pipeline.library.changes import changed_scene
 from pipeline.library.metrics_table import MetricsTable
 from pipeline.library.workflow_call import make
-from pipeline.measures.metric import read_meanings
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.pages.scrubber import data_url, webp
+from pipeline.runs.run_folder import RunFolder
+from pipeline.runs.segments import segment_path
 from pipeline.scenes.effects import illustration_in_words
-from pipeline.scenes.ending import segments_made
 from pipeline.scenes.folders import SCENES, scene_path
-from pipeline.scenes.load import load_scene, scene_of_run
+from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Scene
-from pipeline.surfaces.surface_files import read_surface, read_wall, surface_path
+from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.workflow.command import project_folder
 from sim.cores import available_cores
 
@@ -112,34 +111,39 @@ class Run:
         project = self.folder.parents[2]
         scene = load_scene(scene_path(self.folder.parent.name, relative(project / SCENES)), self.folder.name)
         segments = [] if scene.output.until_rest else scene.segment_names  # how many there will be is not known then
+        folder = self.folder.relative_to(project)
         files = [file for one in want for file in (
-            [f"{one}/segment_{name}" for name in segments] or [WHOLE[one]] if one in BY_SEGMENT else [one])]
-        make(project, [str(self.folder.relative_to(project) / file) for file in files], cores=cores, device=device,
-             progress=progress)
-        for known in ("scene", "metrics", "frames"):
+            [segment_path(folder, one, name) for name in segments] or [folder / WHOLE[one]] if one in BY_SEGMENT else
+            [folder / one])]
+        make(project, [str(file) for file in files], cores=cores, device=device, progress=progress)
+        for known in ("_files", "metrics"):
             vars(self).pop(known, None)
 
     @functools.cached_property
+    def _files(self) -> RunFolder:
+        return RunFolder(self.folder)
+
+    @property
     def scene(self) -> Scene:
         """The scene in SI units, with every default."""
-        return scene_of_run(relative(self.folder))
+        return self._files.scene
 
     @functools.cached_property
     def metrics(self) -> MetricsTable:
         """What was measured of every frame."""
-        return MetricsTable(read_table(self._made("metrics.csv")), read_meanings(self._made("metrics.json")))
+        for file in ("metrics.csv", "metrics.json"):
+            self._made(self.folder / file)
+        return MetricsTable(self._files.table, self._files.metrics)
 
-    @functools.cached_property
+    @property
     def frames(self) -> "Frames":
         """The particles at all times."""
-        return Frames([frame_path(self.folder / "frames" / f"segment_{name}", frame)
-                       for segment, name in enumerate(self._segments)
-                       for frame in self.scene.frames_of_segment(segment)])
+        return Frames([frame.particles for frame in self._files.frames])
 
     @property
     def times(self) -> np.ndarray:
         """Times of the frames, (frames,), s."""
-        return self.scene.output.frame_interval * np.arange(self._frame_count)
+        return self._files.times
 
     @property
     def files(self) -> dict[str, Path]:
@@ -161,20 +165,20 @@ class Run:
 
     def surfaces(self, frame: int = -1) -> dict[str, "pyvista.PolyData"]:
         """Return the closed surface of every liquid in a frame, counted from 0, or from the end if negative."""
-        number = self._frame(frame)
-        folder = self._segment("surfaces", number)
-        return {liquid.name: read_surface(surface_path(folder, f"frame_{number:05d}", liquid.name))
-                for liquid in self.scene.liquids}
+        saved = self._frame(frame)
+        self._made(saved.surfaces)
+        return saved.surfaces_of(liquid.name for liquid in self.scene.liquids)
 
     def wall(self, frame: int = -1) -> "pyvista.PolyData":
         """Return the wall of the eye in a frame: per point what touches it, per triangle the part of the retina."""
-        number = self._frame(frame)
-        return read_wall(self._segment("surfaces", number) / f"frame_{number:05d}_wall.vtp")
+        saved = self._frame(frame)
+        self._made(saved.surfaces)
+        return saved.read_wall()
 
     def picture(self, time: float | None = None) -> Image.Image:
         """Return the cross-section at the frame nearest to a time, s; the last one by default."""
-        number = self._frame(-1) if time is None else self.frame_at(time)
-        with Image.open(self._made(self._segment("images", number) / f"frame_{number:05d}.png")) as file:
+        saved = self._frame(-1 if time is None else self.frame_at(time))
+        with Image.open(self._made(self._files.picture_of(saved))) as file:
             return file.convert("RGB")
 
     def plot(self, name: str = "overview") -> Image.Image:
@@ -193,45 +197,30 @@ class Run:
             image = self.picture()
             image.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH))
             parts += [Markup('<img alt="{}, at the end" src="{}">').format(
-                scene.title or scene.name, data_url(webp(image), "image/webp"))]
+                self._files.title, data_url(webp(image), "image/webp"))]
         links = [page.link(name, str(relative(path))) for name, path in self.files.items()
                  if path.suffix in (".html", ".mp4", ".csv")]
         return str(Markup("\n").join([
-            Markup("<h3>{}: {}</h3>").format(scene.title or scene.name, scene.accuracy), *parts,
+            Markup("<h3>{}: {}</h3>").format(self._files.title, scene.accuracy), *parts,
             page.paragraph(*links), page.paragraph(ILLUSTRATION if scene.container is None else "")]))
 
     def __repr__(self) -> str:
         return f"<run of {self.folder.parent.name} at {self.folder.name}: {relative(self.folder)}>"
 
-    @property
-    def _segments(self) -> list[str]:
-        return segments_made(self.scene, relative(self.folder))
-
-    @property
-    def _frame_count(self) -> int:
-        return self.scene.frames_of_segment(len(self._segments) - 1).stop
-
-    def _frame(self, frame: int) -> int:
-        count = self._frame_count
+    def _frame(self, frame: int) -> SavedFrame:
+        count = self._files.frame_count
         if not -count <= frame < count:
             raise UserError(f"frame is {frame}, but must be at least {-count} and at most {count - 1}: "
                             f"{self.scene.name} has {count} frames")
-        return frame % count
+        return self._files.frames[frame]
 
-    def _segment(self, what: str, frame: int) -> Path:
-        """Folder of the segment that has a frame."""
-        segment = next(number for number in range(self.scene.segment_count)
-                       if frame in self.scene.frames_of_segment(number))
-        return self._made(self.folder / what / f"segment_{segment:03d}")
-
-    def _made(self, path: str | Path) -> Path:
+    def _made(self, path: Path) -> Path:
         """A path in the folder of the run, which must be there."""
-        found = self.folder / path
-        if not found.exists():
-            wanted = found.relative_to(self.folder).parts[0]
-            wanted = "metrics.csv" if wanted == "plots" else wanted
-            raise UserError(f"{relative(found)}: has not been made; make it with `.make(\"{wanted}\")`")
-        return found
+        if not path.exists():
+            wanted = path.relative_to(self.folder).parts[0]
+            wanted = "metrics.csv" if wanted in ("plots", "metrics.json") else wanted
+            raise UserError(f"{relative(path)}: has not been made; make it with `.make(\"{wanted}\")`")
+        return path
 
 
 class Frames(Sequence[FrameData]):

@@ -4,23 +4,23 @@ from collections.abc import Iterator
 import numpy as np
 from PIL import Image
 
-from pipeline.pages.run_folder import Run
 from pipeline.pages.scrubber import data_url, webp
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
 from pipeline.pictures.moments import evenly_chosen
 from pipeline.pictures.paint import paint_of
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.retina import globe_radius
 
 MOMENTS = 6
 SIZE = 300  # pixels
 
 
-def fundus_strip(run: Run) -> Iterator[tuple[str, str]]:
+def fundus_strip(run: RunFolder) -> Iterator[tuple[str, str]]:
     """Yield time in words and map as a data URL."""
     scene, maps = run.scene, None
     for path in evenly_chosen(run.pictures, MOMENTS):
-        wall = run.wall_of(path)
+        wall = run.frame_of(path).read_wall()
         if maps is None:
             points = np.asarray(wall.points, float)
             maps = FundusMap(points, (OVERSAMPLING * SIZE, OVERSAMPLING * SIZE),

@@ -12,6 +12,7 @@ from pipeline.base import page
 from pipeline.base.tables import TIME
 from pipeline.base.usage import KINDS
 from pipeline.base.words import duration, memory
+from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.retina_error import UNIT
 from pipeline.measures.events import Event
 from pipeline.measures.metric import LAST
@@ -23,12 +24,12 @@ from pipeline.pages.curves import curves
 from pipeline.pages.fundus_strip import fundus_strip
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.movie_copy import movie_within
-from pipeline.pages.run_folder import Run
 from pipeline.pages.scrubber import data_url, pictures_over_time, webp
 from pipeline.pages.turning_view import turning_view
 from pipeline.pictures.marks import clock
 from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words, knows_films
 from sim.effects import REGISTRY
 
@@ -52,33 +53,35 @@ FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "l
          "scene.json": "scene in SI units", "run.pvd": "particles and surfaces, for ParaView"}
 
 
-def page_of(run: Run, *, shown: Sequence[Shown], advice: Report, events: Sequence[Event], sources: dict[str, str],
-            path: Path) -> str:
+def page_of(run: RunFolder, *, shown: Sequence[Shown], advice: Report, errors: Sequence[ExpectedError],
+            sources: dict[str, str], path: Path) -> str:
     """Return the page.
 
     Parameters
     ----------
     shown : metrics in the order of interest.
+    errors : to expect of a scene like this one.
     sources : files of the scene, name -> text, the scene's own first.
     path : file of the page.
     """
-    scene = run.scene
+    scene, events = run.scene, run.events
     return page.page(f"{run.title}: {scene.accuracy}", [
         page.paragraph(scene.description), page.paragraph(page.bold(scene.label)) if scene.label else "",
-        _still(run), _numbers(run, shown, events),
+        _still(run), _numbers(run, shown, events, errors),
         Markup('<div class="wide">{}{}</div>').format(_movie(run), _scrubber(run)),
         _turning(run), _fundus(run),
         page.section("Over time"), _curves(run, shown, events),
         page.section("Metrics"), *breaks_over_time(courses_of(run.table, run.scene)), *_metrics(shown),
         page.section("What was simulated"), *_simulated(run, advice),
         page.section("What was left out, and why"), *_left_out(run, advice),
-        page.section("Cost and expected error"), *_cost(run),
+        page.section("Cost and expected error"), *_cost(run, errors),
         page.section("Files, versions, scene"), *_origin(run, sources),
     ], heading=run.title, path=path, links=_comparisons(run.folder), style=(HERE / "run_page.css").read_text(),
         head=POLICY)
 
 
-def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Markup:
+def _numbers(run: RunFolder, shown: Sequence[Shown], events: Sequence[Event],
+             errors: Sequence[ExpectedError]) -> Markup:
     found, illustrated = headlines_of(run.scene, shown), illustration_in_words(run.scene)
     items = Markup("\n").join(Markup("<li><b>{}</b>{}</li>").format(one.number, one.meaning) for one in found)
     said = [f"At the end ({clock(run.table[TIME][-1], run.scene.output.second_means)}), at accuracy "
@@ -91,7 +94,7 @@ def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Marku
     elif found:
         said.append("How sure these numbers are is not known; the errors to expect are below.")
     said += [f"At this level the covered retina at rest is {one.words} ({one.source})."
-             for one in run.errors if one.unit == UNIT and not illustrated]
+             for one in errors if one.unit == UNIT and not illustrated]
     rest = "" if illustrated else rest_in_words(run.table, events)
     breaks = Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, run.scene))
     return Markup('<ul class="numbers">{}</ul>{}{}').format(
@@ -99,7 +102,7 @@ def _numbers(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Marku
                               ILLUSTRATION if run.scene.container is None else ""))
 
 
-def _still(run: Run) -> Markup:
+def _still(run: RunFolder) -> Markup:
     """The illustration of the last frame; a scene in a plane has none."""
     if run.scene.dimension == 2:
         return Markup()
@@ -108,7 +111,7 @@ def _still(run: Run) -> Markup:
         data_url(webp(read_picture(run.folder / "still.png")), "image/webp"))
 
 
-def _movie(run: Run) -> Markup:
+def _movie(run: RunFolder) -> Markup:
     pace = pace_of(len(run.pictures), run.scene.output.frame_interval)
     poster = data_url(webp(scaled(read_picture(run.pictures[-1]), POSTER_WIDTH)), "image/webp")
     return Markup('<div class="movie"><h2>Movie</h2><video controls muted playsinline preload="auto" poster="{}" '
@@ -126,7 +129,7 @@ BLOB = Markup("""<script>
 </script>""")
 
 
-def _scrubber(run: Run) -> Markup:
+def _scrubber(run: RunFolder) -> Markup:
     pictures = pictures_over_time(run)
     return Markup('<div class="scrubber"><h2>Frame by frame</h2><img alt="" src="{}"><input type="range" min="0" '
                   'max="{}" value="{}" aria-label="time"><p><output></output></p></div>{}').format(
@@ -134,7 +137,7 @@ def _scrubber(run: Run) -> Markup:
         _script("scrubber.js", "showScrubber", ".scrubber", pictures))
 
 
-def _turning(run: Run) -> Markup:
+def _turning(run: RunFolder) -> Markup:
     if run.scene.dimension == 2:
         return page.paragraph("The scene is in a plane: there is no view of it that turns.")
     view = turning_view(run)
@@ -149,7 +152,7 @@ def _turning(run: Run) -> Markup:
         boxes, buttons, _script("viewer.js", "showTurningView", ".turning", view))
 
 
-def _fundus(run: Run) -> Markup:
+def _fundus(run: RunFolder) -> Markup:
     """Maps of the retina over time; the pictures say what their colors are."""
     if run.scene.container is not None or run.scene.dimension == 2:
         return Markup()
@@ -169,7 +172,7 @@ def _script(file: str, function: str, root: str, values: object) -> Markup:
     return Markup(f'<script>\n{code}{function}(document.querySelector("{root}"), {text});\n</script>')
 
 
-def _curves(run: Run, shown: Sequence[Shown], events: Sequence[Event]) -> Markup:
+def _curves(run: RunFolder, shown: Sequence[Shown], events: Sequence[Event]) -> Markup:
     drawn = [Markup('<img alt="{} over time" src="{}">').format(name, data_url(svg, "image/svg+xml"))
              for name, svg in curves(shown, run.table[TIME], events)]
     return Markup('<div class="curves">{}</div>').format(Markup("\n").join(drawn))
@@ -185,7 +188,7 @@ def _metrics(shown: Sequence[Shown]) -> list[Markup]:
     return parts + ([page.details("What stays the same", constant(still))] if still else [])
 
 
-def _simulated(run: Run, advice: Report) -> list[Markup]:
+def _simulated(run: RunFolder, advice: Report) -> list[Markup]:
     scene, last = run.scene, run.costs[-1]
     liquids = ", ".join(liquid.name.replace("_", " ") for liquid in scene.liquids)
     said = page.paragraph(
@@ -203,7 +206,7 @@ def _first_line(kind: type) -> str:
     return (kind.__doc__ or "").strip().partition("\n")[0]
 
 
-def _left_out(run: Run, advice: Report) -> list[Markup]:
+def _left_out(run: RunFolder, advice: Report) -> list[Markup]:
     scene = run.scene
     items = [page.bold(one.effect) + f": {one.sentence}." for level in HEADINGS for one in advice.advice
              if one.level == level and one.effect not in scene.effects]
@@ -215,19 +218,19 @@ def _left_out(run: Run, advice: Report) -> list[Markup]:
                            if scene.container is None else "")]
 
 
-def _cost(run: Run) -> list[Markup]:
+def _cost(run: RunFolder, errors: Sequence[ExpectedError]) -> list[Markup]:
     every = {kind: [taken[kind] for taken in run.taken.values()] for kind in (*KINDS, "memory")}
     sums = {"wall": sum(every["wall"]), "cpu": sum(every["cpu"]), "memory": max(every["memory"], default=0.0)}
     rows = [(stage, duration(taken["wall"]), duration(taken["cpu"]), memory(taken["memory"]))
             for stage, taken in (*run.taken.items(), ("all", sums))]
-    errors = [f"{one.quantity}: {one.words} ({one.source})" for one in run.errors]
+    expected = [f"{one.quantity}: {one.words} ({one.source})" for one in errors]
     return [page.table(("stage", "by the clock", "of all cores", "memory"), rows),
-            page.paragraph("Errors to expect, those of the accuracy study at this spacing:") if errors else
+            page.paragraph("Errors to expect, those of the accuracy study at this spacing:") if expected else
             page.paragraph("The error to expect is not known: the accuracy study has no case whose effects are all in "
-                           "this scene."), page.bullets(errors)]
+                           "this scene."), page.bullets(expected)]
 
 
-def _origin(run: Run, sources: dict[str, str]) -> list[Markup]:
+def _origin(run: RunFolder, sources: dict[str, str]) -> list[Markup]:
     links = [Markup('<a href="{}">{}</a>: {}').format(file, file, words) for file, words in FILES.items()
              if (run.folder / file).is_file()]
     versions = [(name, version(name)) for name in PACKAGES]

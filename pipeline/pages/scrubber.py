@@ -4,9 +4,9 @@ import io
 
 from PIL import Image
 
-from pipeline.pages.run_folder import Run
 from pipeline.pictures.marks import clock
 from pipeline.pictures.moments import evenly_chosen, read_picture, scaled
+from pipeline.runs.run_folder import RunFolder
 
 MOST_PICTURES = 120
 MOST_BYTES = 2_500_000
@@ -14,7 +14,7 @@ WIDTHS = (800, 640, 480, 320)
 QUALITY = 80  # of WebP, percent
 
 
-def pictures_over_time(run: Run) -> list[tuple[str, str]]:
+def pictures_over_time(run: RunFolder) -> list[tuple[str, str]]:
     """Return time in words and picture as a data URL, for all frames or for some of them at equal times."""
     chosen = evenly_chosen(run.pictures, min(MOST_PICTURES, len(run.pictures)))
     pictures = [read_picture(path) for path in chosen]

@@ -8,11 +8,11 @@ import numpy as np
 from PIL import ImageColor
 from scipy.spatial import cKDTree
 
-from pipeline.pages.run_folder import Run
 from pipeline.pictures.eye_view import TOUCH_DEPTH, break_lines
 from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.pictures.marks import pretty
 from pipeline.pictures.paint import css, film_distance, paint_of, wall_fractions
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import droplets_of
 from pipeline.scenes.retina import Patch, globe_radius
 
@@ -31,10 +31,10 @@ BOX_VIEWS = (("from the front", (0.0, 0.0)), ("from the side", (1.5708, 0.0)), (
 BOX_VIEW, BOX_AXES = (0.5, 0.3), {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-def turning_view(run: Run) -> dict[str, Any]:
+def turning_view(run: RunFolder) -> dict[str, Any]:
     """Return what the viewer shows of the last frame: liquids, the wall and its breaks, in units of half its size."""
     of_eye = run.scene.container is None
-    wall = run.last_wall() if of_eye else run.cavity()
+    wall = run.frames[-1].read_wall() if of_eye else run.cavity()
     center, half = np.array(wall.center), 0.5 * MARGIN * max(np.ptp(np.array(wall.bounds).reshape(3, 2), axis=1))
 
     def packed(surface, covered, bare, distance=None) -> dict[str, str]:
@@ -42,7 +42,7 @@ def turning_view(run: Run) -> dict[str, Any]:
 
     meshes, paint = [], paint_of(run.scene)
     for liquid in shown_liquids(run.scene):
-        surface = run.last_surface(liquid.name)
+        surface = run.frames[-1].surface(liquid.name)
         color = np.array(ImageColor.getrgb(liquid.color))
         name = pretty(liquid.name)
         if of_eye:  # where oil touches the wall, the wall is painted

@@ -4,19 +4,19 @@ In space they are bodies in a glass box. In a plane every liquid fills its outli
 as the fractions of the particles of that outline do.
 """
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
 from scipy.ndimage import binary_closing
 from scipy.spatial import cKDTree
 
-from pipeline.base.frame_files import FrameData, read_frame
+from pipeline.base.frame_files import FrameData
 from pipeline.pictures.container_panel import INSIDE, WALL, shade
 from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.surfaces.contour_lines import signed_area
 from pipeline.surfaces.fraction_field import SUPPORT, wendland
-from pipeline.surfaces.surface_files import lines_of, read_surfaces
+from pipeline.surfaces.saved_frame import SavedFrame
+from pipeline.surfaces.surface_files import lines_of
 
 NEIGHBORS = 12          # particles of which a mixed color is the mean
 PURE = 1.0 - 1e-3       # fraction from which on a particle is of one liquid
@@ -109,15 +109,14 @@ class ContainerMoments:
         return picture[:self.size[1], :self.size[0]]
 
 
-def moments(scene, paths: Sequence[Path], width: int,
+def moments(scene, frames: Sequence[SavedFrame], width: int,
             caption: Callable[[int, FrameData], str]) -> list[tuple[Image.Image, str]]:
     """Pictures of frames of one run with captions, made of their number and the frame; as ``ContainerMoments``."""
     drawn, result = ContainerMoments(scene, width), []
     try:
-        for number, path in enumerate(paths):
-            frame = read_frame(path)
-            surfaces = read_surfaces(path.parents[2] / "surfaces" / path.parent.name, path.stem, frame.liquids)
-            result.append((drawn.draw(frame, surfaces), caption(number, frame)))
+        for number, saved in enumerate(frames):
+            frame = saved.read()
+            result.append((drawn.draw(frame, saved.surfaces_of(frame.liquids)), caption(number, frame)))
     finally:
         drawn.close()
     return result

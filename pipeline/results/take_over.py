@@ -23,8 +23,8 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.tables import read_table
-from pipeline.base.usage import taken_by
 from pipeline.results.tables import Layout, Page, Row
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.units import parse_quantity
 
 STUDIES = "studies"
@@ -157,9 +157,7 @@ def _fill(row: Row, line: dict[str, str], by: Made) -> None:
 def _from_scene(folder: Path, rows: dict[str, list[Row]], by: Made) -> int:
     scene, level = folder.parent.name, folder.name
     columns, count = read_table(folder / "metrics.csv"), 0
-    taken = taken_by(sorted((folder / "logs").glob("*.log.json")))
-    if taken:
-        taken["all"] = {kind: (max if kind == "memory" else sum)(one[kind] for one in taken.values()) for kind in TAKEN}
+    taken = taken_of(folder)
     for row in (row for page in rows.values() for row in page):
         name, _, rest = row.source.partition(": ")
         if name != scene or row.level != level or not rest:
@@ -178,6 +176,14 @@ def _from_scene(folder: Path, rows: dict[str, list[Row]], by: Made) -> int:
                 row.holds = "yes" if float(row.error) <= float(row.allowed) else "no"
         count += 1
     return count
+
+
+def taken_of(folder: Path) -> dict[str, dict[str, float]]:
+    """Return what every stage of a run took, and ``all`` of them; nothing where no log says so."""
+    taken = RunFolder(folder).taken if (folder / "logs").is_dir() else {}
+    if taken:
+        taken["all"] = {kind: (max if kind == "memory" else sum)(one[kind] for one in taken.values()) for kind in TAKEN}
+    return taken
 
 
 def _metric(columns: dict[str, np.ndarray], what: str, how: str, where: str) -> tuple[float, str]:

@@ -263,3 +263,4 @@ CHECKS = (
     scheme_can_run_the_effects, scheme_can_solve_the_density_ratio,
     fixed_time_step_is_stable, fixed_time_step_is_large_enough, scene_fits_into_memory, cost_is_allowed,
 )
+OF_COMPUTER = (scene_fits_into_memory,)     # those whose answer is another one on another computer

@@ -49,8 +49,12 @@ def load_scene(path: str | Path, accuracy: str | None = None, config_dir: str | 
     return _Resolver(Path(config_dir), accuracy).resolve(path)
 
 
-def load_resolved(path: str | Path) -> Scene:
+def load_resolved(path: str | Path, *, to_run: bool = True) -> Scene:
     """Read a resolved scene, as ``Scene.to_json`` writes it.
+
+    Parameters
+    ----------
+    to_run : ask too whether this computer can run it. What was run may have needed a larger one.
 
     Raises
     ------
@@ -67,7 +71,7 @@ def load_resolved(path: str | Path) -> Scene:
     errors = Errors(path)
     scene = Reader(errors, _liquid_names(data), written=False).record(Scene, data)
     errors.raise_any()
-    for key, message in check(vars(scene)):
+    for key, message in check(vars(scene), to_run=to_run):
         errors.add(key, message)
     errors.raise_any()
     return scene
@@ -82,7 +86,7 @@ def scene_of_run(folder: Path) -> Scene:
     """
     if not (folder / "scene.json").is_file():
         raise UserError(f"{folder}: holds no run; run the scene at this level first")
-    return load_resolved(folder / "scene.json")
+    return load_resolved(folder / "scene.json", to_run=False)
 
 
 @functools.cache

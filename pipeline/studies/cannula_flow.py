@@ -12,6 +12,7 @@ import dataclasses
 import math
 
 from pipeline.scenes.load import project_materials
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.surgeons_words import CANNULAS, OILS
 from sim.parameters import parameter
@@ -36,8 +37,6 @@ class Parameters:
     published_viscosity: float | None = parameter(None, unit="Pa s", exclusive_minimum=0.0,
                                                   meaning="of the oil in that publication")
     source: str = parameter("", meaning="where it was published")
-    UNNAMED = ("direction", "inner_diameter", "length", "pressure", "volume", "published", "published_spread",
-               "published_viscosity", "source")
 
     def seconds(self, viscosity: float, wider: float = 1.0) -> float:
         """Time for the volume, s, of an oil of a viscosity in Pa s, in a cannula that is wider by a factor."""
@@ -94,3 +93,8 @@ def _line(case: Parameters, oil: str, viscosity: float, *seconds: float) -> list
             f"{case.pressure / MILLIMETER_OF_MERCURY:.4g}", oil, f"{1e3 * viscosity:g}",
             *(f"{value / 60.0:.4g}" for value in seconds), *(published if oil == "published" else ["", ""]),
             case.source if oil == "published" else ""]
+
+
+FAMILY = Family(__name__, Parameters, run, liquids=liquids,
+                unnamed=("direction", "inner_diameter", "length", "pressure", "volume", "published", "published_spread",
+                         "published_viscosity", "source"))

@@ -16,12 +16,12 @@ import numpy as np
 
 from pipeline.cavity.container import block_lattice, distance_to_funnels, lattice_arrays
 from pipeline.scenes.model import Funnel
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, bounded, compared
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, field, packed
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 GRAVITY = 9.81
 HEAVY, LIGHT = 1005.0, 970.0  # kg/m^3, aqueous and silicone oil
 INSIDE, OUTSIDE = 6e-3, 12e-3  # m, between the plates and from each of them to the side of the box
@@ -108,3 +108,7 @@ def _rise(case: Parameters, resolution: int) -> Run:
                                                   "contact_angle": np.radians(case.contact_angle)}},
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, case.duration, f"n={resolution}", rise_of)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES)

@@ -17,12 +17,12 @@ import dataclasses
 import numpy as np
 from scipy.special import erfc, wofz
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity_implicit", "interface_tension")
 WIDTH, TENSION, DENSITY = 0.0128, 0.04, 1000.0  # m, half a wave; N/m; kg/m^3
 AMPLITUDE = 0.06  # of the width
 TIMES = 25.0  # length of the run in 1/omega_0, as Popinet's
@@ -123,3 +123,6 @@ def _decay(case: Parameters, resolution: int) -> Run:
                             "viscosity_implicit": {"wall": "free_slip", "form": case.form}},
                    maximum_time_step=case.largest_step / frequency())
     return advance(solver, TIMES / frequency(), f"n={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity_implicit", "interface_tension"), figures=FIGURES)

@@ -8,23 +8,21 @@ keep their places: what is measured is the viscous force itself on particles pac
 the noise that the pressure solve adds.
 """
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity", "viscosity_implicit")
-SHOWN_BY = ("viscosity_implicit",)  # effects of a scene in which its error is to be expected
 HALF_WIDTH = 1.0  # m, H
 DENSITY = 1000.0  # kg/m^3
 THIN = 1.0  # Pa s, mu_2
 PERIOD = 12  # length of the channel in particle spacings, in three dimensions its width too
 TRAVEL = 0.1  # way of the fastest liquid in the whole run, in particle spacings
-HEADLINE, PER_WIDTH = "L2 error of the velocity, both layers", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("channel_profile", "Velocity of two layers in a channel, finest resolution", "velocity / largest",
            "y / H"),
@@ -37,7 +35,6 @@ FIGURES = (
 class Parameters(PackedParameters):
     """A viscous layer below a thin one; resolutions count particles across one layer."""
 
-    UNNAMED: ClassVar = ("times", "steps")
 
     dimension: int = parameter(2, choices=(2, 3), meaning="a channel, or two plates")
     ratio: float = parameter(1.0, minimum=1.0, meaning="viscosity of the lower liquid over that of the upper one")
@@ -163,3 +160,8 @@ def _profiles(result: Run, ratio: float, name: str) -> list[Curve]:
     profile = exact_velocity(ratio, axis)
     return [Curve("channel_profile", name, velocity[:, 0] / exact.max(), height),
             Curve("channel_profile", f"exact 1:{ratio:g}", profile / profile.max(), axis, "reference")]
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity", "viscosity_implicit"),
+                unnamed=("times", "steps"), figures=FIGURES,
+                headline=Headline("L2 error of the velocity, both layers", 0.5, shown_by=("viscosity_implicit",)))

@@ -7,24 +7,23 @@ the paper and the text after it name 20 to 30 %.
 """
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.frame_files import FrameData
 from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import sheet
-from pipeline.scenes.load import load_resolved
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs, seconds_of
+from pipeline.simulation.cost_files import seconds_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row
 from sim.parameters import parameter
 
 PICTURES = ("collision_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 460         # of a picture, in pixels of the large canvas
 TOUCHING = 1.5      # particles of one liquid closer than this, in spacings, are of one piece
 SMALLEST_PIECE = 5  # particles
@@ -49,24 +48,27 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
-    """One scene, its frames and their files, and what its segments have cost."""
+class Played:
+    """A run and what its frames hold, in memory."""
 
-    scene: Scene
-    paths: list[Path]
+    run: RunFolder
     frames: list[FrameData]
-    costs: list[dict]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was run."""
+        return self.run.scene
 
     @property
     def seconds(self) -> tuple[float, float]:
         """Wall time per frame, s, and the share of the collision; without the frame in which all is compiled."""
-        wall, collision = (seconds_of(self.costs, f"{name}_seconds")[2:] for name in ("wall", "collision"))
+        wall, collision = (seconds_of(self.run.costs, f"{name}_seconds")[2:] for name in ("wall", "collision"))
         return float(wall.mean()), float(collision.sum() / wall.sum())
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Measure every figure, and state for each whether it comes out as in the paper."""
-    runs = {name: load_run(folders[name]) for name in scenes(parameters)}
+    runs = {name: played(folders[name]) for name in scenes(parameters)}
     outcome = Outcome(pictures={PICTURES[0]: _contact_sheet(list(runs.values()), parameters.pictures)})
     for figure, names, rows in (("Fig. 6", parameters.balls, _balls), ("Fig. 7", parameters.bars, _bars),
                                 ("Fig. 8", parameters.disks, _disks), ("Fig. 9", parameters.eggs, _eggs)):
@@ -83,19 +85,16 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     return outcome
 
 
-def load_run(folder: Path) -> Run:
-    """Read the results of a scene: what was run, all frames, and what they cost."""
-    scene = load_resolved(folder / "scene.json")
-    paths = [path for name in scene.segment_names for path in find_frames(folder / "frames" / f"segment_{name}")]
-    return Run(scene, paths, [read_frame(path) for path in paths],
-               [read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names])
+def played(run: RunFolder) -> Played:
+    """Read all frames of a run."""
+    return Played(run, [frame.read() for frame in run.frames])
 
 
 def _at_least(quantity: str, value: float, least: float, at: str) -> Row:
     return Row(quantity, value, reference=least, error=max(0.0, least - value), tolerance=0.0, at=at)
 
 
-def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
+def _balls(runs: list[Played]) -> list[tuple[Row, str]]:
     soft, stiff = (parting_speed(each) for each in runs)
     quantity = "largest speed apart / of approach"
     return [(Row(quantity, soft, at="a"), ""),
@@ -103,7 +102,7 @@ def _balls(runs: list[Run]) -> list[tuple[Row, str]]:
              f"the stiff balls part with {stiff:.3f} of their speed of approach, the soft ones with {soft:.3f}.")]
 
 
-def parting_speed(each: Run) -> float:
+def parting_speed(each: Played) -> float:
     """Largest speed at which the centers of mass of the two liquids part, over that at which they met.
 
     Not the last one: what is thrown back may have met the wall of the container by then.
@@ -123,7 +122,7 @@ def _velocity(frame: FrameData, phase: int) -> np.ndarray:
     return frame.velocity[frame.phase == phase].astype(float).mean(axis=0)
 
 
-def _bars(runs: list[Run]) -> list[tuple[Row, str]]:
+def _bars(runs: list[Played]) -> list[tuple[Row, str]]:
     soft, stiff = (sum(np.count_nonzero(piece_sizes(each.frames[-1], phase) >= SMALLEST_PIECE) for phase in (0, 1))
                    for each in runs)
     quantity = f"pieces of {SMALLEST_PIECE} particles or more at the end"
@@ -140,7 +139,7 @@ def piece_sizes(frame: FrameData, phase: int) -> np.ndarray:
     return np.sort(np.bincount(connected_components(links, directed=False)[1]))[::-1]
 
 
-def _disks(runs: list[Run]) -> list[tuple[Row, str]]:
+def _disks(runs: list[Played]) -> list[tuple[Row, str]]:
     found = []
     for letter, each, passes in zip("abc", runs, (1.0, 0.0, 0.0), strict=True):
         share = share_past(each.frames[-1])
@@ -158,7 +157,7 @@ def share_past(frame: FrameData) -> float:
     return float(np.mean(x[frame.phase == 0] > np.median(x[frame.phase == 1])))
 
 
-def _eggs(runs: list[Run]) -> list[tuple[Row, str]]:
+def _eggs(runs: list[Played]) -> list[tuple[Row, str]]:
     found = []
     for letter, each in zip("abc", runs, strict=True):
         last = each.frames[-1]
@@ -172,12 +171,16 @@ def _eggs(runs: list[Run]) -> list[tuple[Row, str]]:
     return found
 
 
-def _contact_sheet(runs: list[Run], count: int) -> bytes:
+def _contact_sheet(runs: list[Played], count: int) -> bytes:
     """All scenes, a row each, at some times, as PNG."""
     return sheet([row_of_moments(each, count, WIDTH) for each in runs])
 
 
-def row_of_moments(each: Run, count: int, width: int):
+def row_of_moments(each: Played, count: int, width: int):
     """Title and pictures of a run at equal times, the start and the end included, for ``sheet``."""
-    chosen = [each.paths[index] for index in np.rint(np.linspace(0, len(each.paths) - 1, count)).astype(int)]
+    saved = each.run.frames
+    chosen = [saved[index] for index in np.rint(np.linspace(0, len(saved) - 1, count)).astype(int)]
     return each.scene.title, moments(each.scene, chosen, width, lambda _, frame: f"{1e3 * frame.time:.0f} ms")
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), pictures=PICTURES)

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, compared
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity
 from pipeline.study_kit.young_laplace import Profile, distance_to, oil_at_rest
@@ -29,7 +30,6 @@ from sim.effects.parts.contact_line import SLIP, turning
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 GRAVITY, TENSION = 9.81, 0.04  # m/s^2, N/m
 AQUEOUS, OIL_DENSITY = Liquid("aqueous", 1005.0, 7e-4), 970.0
 RADIUS = 0.011  # m
@@ -205,3 +205,7 @@ def _climb(case: Parameters, resolution: int) -> Run:
     start = line_of(solver, shapes)
     return advance(solver, case.duration, f"R/dx={resolution}",
                    lambda solver: {"way": RADIUS * (line_of(solver, shapes) - start)})
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES)

@@ -10,21 +10,21 @@ least half as many as within a liquid: what flies has fewer, and is told beside 
 import dataclasses
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
-from pipeline.base.tables import read_table
+from pipeline.base.frame_files import FrameData
 from pipeline.measures.isolation import isolated
 from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import evenly, sheet
-from pipeline.scenes.load import load_resolved
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs, seconds_of
+from pipeline.simulation.cost_files import seconds_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
+from pipeline.surfaces.saved_frame import SavedFrame
 from sim.parameters import parameter
 
 FIGURES = (
@@ -36,7 +36,6 @@ FIGURES = (
     Figure("coupling_isolated", "Artifacts of the interface", "frame", "isolated particles / particles, without spray"),
 )
 PICTURES = ("coupling_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 480          # of a picture, in pixels of the large canvas
 OURS = "volume_incompressible"
 NAMES = {OURS: "Volume-incompressible method", "dfsph": "DFSPH", "wcsph": "WCSPH"}
@@ -68,7 +67,7 @@ class Method:
 
     name: str
     scene: Scene
-    paths: list[Path]
+    saved: list[SavedFrame]
     frame: np.ndarray
     cpu: np.ndarray
     wall: np.ndarray
@@ -84,7 +83,7 @@ class Method:
         return float(self.cpu[self.warm].mean())
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Compare the methods and state for every claim of the paper whether it holds here."""
     methods = [_load(folders[name]) for name in parameters.scenes]
     reference = min(parameters.reference_frame, len(methods[0].frame) - 1)
@@ -98,23 +97,20 @@ def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
     return outcome
 
 
-def _load(folder: Path) -> Method:
-    scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
-    segments = [find_frames(folder / "frames" / f"segment_{name}") for name in scene.segment_names]
-    costs = [read_costs(folder / "costs" / f"segment_{name}.json") for name in scene.segment_names]
-    paths = [path for segment in segments for path in segment]
+def _load(run: RunFolder) -> Method:
+    scene, table, saved, costs = run.scene, run.table, run.frames, run.costs
     # The first segment begins with the start, before any step.
-    warm = np.array([place >= (2 if number == 0 else 1) for number, segment in enumerate(segments)
-                     for place in range(len(segment))])
-    power = np.array([viscous_power(scene, read_frame(path)) for path in paths])
+    warm = np.array([place >= (2 if segment == 0 else 1) for segment in range(len(run.segments))
+                     for place in range(len(scene.frames_of_segment(segment)))])
+    power = np.array([viscous_power(scene, one.read()) for one in saved])
     time = table["time [s]"]
     viscous = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
-    energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, read_frame(paths[0]))
+    energy = table["kinetic_energy [J]"] + table["potential_energy [J]"] - energy_at_rest(scene, saved[0].read())
     alone = np.sum([table[column] for column in table if column.startswith("isolated_particles")], axis=0)
-    amid = np.array([np.mean(amid_another(scene, read_frame(path))) for path in paths])
-    return Method(scene.numerics.scheme, scene, paths, table["frame"], seconds_of(costs, "cpu_seconds"),
+    amid = np.array([np.mean(amid_another(scene, one.read())) for one in saved])
+    return Method(scene.numerics.scheme, scene, saved, table["frame"], seconds_of(costs, "cpu_seconds"),
                   seconds_of(costs, "wall_seconds"), energy, viscous,
-                  amid, alone / len(read_frame(paths[0]).position) - amid, warm)
+                  amid, alone / len(saved[0].read().position) - amid, warm)
 
 
 def amid_another(scene: Scene, frame: FrameData) -> np.ndarray:
@@ -231,7 +227,11 @@ def _claims(methods: list[Method], reference: int) -> list[tuple[Row, str]]:
 
 def _side_by_side(methods: list[Method], count: int) -> bytes:
     """A row for every method, at the same times from left to right, as PNG."""
-    indices = evenly(count, min(len(method.paths) for method in methods))
-    return sheet([(NAMES.get(method.name, method.name), moments(method.scene, [method.paths[k] for k in indices], WIDTH,
+    indices = evenly(count, min(len(method.saved) for method in methods))
+    return sheet([(NAMES.get(method.name, method.name), moments(method.scene, [method.saved[k] for k in indices], WIDTH,
                                                                 lambda _, frame: f"{frame.time:.2f} s"))
                   for method in methods])
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), figures=FIGURES,
+                pictures=PICTURES)

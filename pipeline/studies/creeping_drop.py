@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 RADIUS = 1e-3  # m, a
 DENSITY = 1000.0  # kg/m^3
 LIGHTER = 35.0  # kg/m^3, drho
@@ -137,3 +137,7 @@ def _viscosity(case: Parameters) -> float:
 def _scale(case: Parameters) -> float:
     """drho g a^2 / mu_o, m/s."""
     return LIGHTER * GRAVITY * RADIUS**2 / _viscosity(case)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES)

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity")
 WIDTH = 0.05715  # m, 2.25 in
 DENSITY = 1000.0  # kg/m^3
 GRAVITY = 9.81
@@ -166,3 +166,6 @@ def _collapse(case: Parameters, resolution: int, repeat: int) -> Run:
                    filled=None if case.air else column, phase=lambda x: ~column(x),
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, STEADY[1] / PER_TIME, f"n={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity"), figures=FIGURES)

@@ -24,13 +24,13 @@ from pipeline.cavity.initial_state import initial_arrays
 from pipeline.cavity.lattice import deepest_points
 from pipeline.cavity.signed_distance_grid import distance_of_function
 from pipeline.cavity.wall_layers import wall_layers
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, film_exchanges, packed
 from sim.effects.parts.contact_line import DEPOSIT, THICKEST, VISCOUS
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("injection", "gravity", "viscosity_implicit", "interface_tension", "wall_film")
 GRAVITY, TENSION = 9.81, 0.04  # m/s^2, N/m
 AQUEOUS, OIL = Liquid("aqueous", 1005.0, 7e-4), Liquid("oil", 970.0, 1.0)
 CONTACT_ANGLE = np.radians(18.2)
@@ -157,3 +157,8 @@ def _drive(case: Parameters, resolution: int) -> Run:
     solver = build(case, arrays, liquids=(AQUEOUS, OIL), effects=effects, phase=lambda x: way(x) < START * radius,
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, TRAVEL * radius / speed, f"R/dx={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run,
+                effects=("injection", "gravity", "viscosity_implicit", "interface_tension", "wall_film"),
+                figures=FIGURES)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.study_kit import hard_cases as hard
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row, bounded
 from pipeline.study_kit.tank import TankParameters, build, cavity
 from sim.effects import REGISTRY
@@ -17,7 +18,6 @@ from sim.parameters import parameter
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Liquid, Settings
 
-EFFECTS = tuple(REGISTRY)
 LIQUIDS = (Liquid("aqueous", 1005.0, 0.01), Liquid("oil", 970.0, 1.0), Liquid("droplets", 970.0, 1.0))
 AREA = 3.14e-4  # m^2, of the round cavity
 VALUES: dict[str, dict[str, Any]] = {
@@ -146,3 +146,6 @@ def precision_errors(exact: dict, single: dict) -> dict[str, tuple[float, float]
     return {"center of any liquid off, over the spacing": (center, 0.005),
             "kinetic energy off": (float(abs(single["energy"] / exact["energy"] - 1.0)), 0.05),
             "volume of any liquid off": (float(np.abs(single["volume"] / exact["volume"] - 1.0).max()), 1e-6)}
+
+
+FAMILY = Family(__name__, Parameters, run, effects=tuple(REGISTRY), threads=THREADS)

@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 from scipy.special import erfc
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import PackedParameters, Stopwatch, build, cavity, field, time_rows
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("diffusion",)
 LENGTH = 1.0  # m, side of the box
 COEFFICIENT = 1e-4  # m^2/s, D
 DENSITIES = (1000.0, 500.0)  # kg/m^3
 BLOB = 0.06  # width of the blob at the start, in sides of the box
 END = 0.08  # sqrt(2 D t) at the end, in sides of the box
 TIMES = 10  # at which the moment is taken
-HEADLINE, PER_WIDTH = "D_eff / D", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("diffusion_profile", "Step after diffusion, finest resolution", "x / sqrt(D t)", "volume fraction"),
     Figure("diffusion_error", "Error of the diffusion coefficient", "particle spacing / side", "relative error",
@@ -104,3 +103,7 @@ def set_fractions(solver, fractions: np.ndarray) -> None:
     density = np.array([liquid.density for liquid in solver.liquids])
     solver.particles.from_numpy("volume_fraction", fractions)
     solver.particles.from_numpy("mass", field(solver, "volume") * (fractions @ density))
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("diffusion",), figures=FIGURES,
+                headline=Headline("D_eff / D", 1.0))

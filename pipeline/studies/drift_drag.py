@@ -9,13 +9,13 @@ import time
 import numpy as np
 
 from pipeline.studies.diffusion import set_fractions
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, compared
 from pipeline.study_kit.tank import TankParameters, build, cavity, field
 from sim.effects.drift import response_time
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("drift", "gravity")
 GRAVITY = 9.81  # m/s^2
 LIQUIDS = (Liquid("water", 1000.0, 1e-3), Liquid("oil", 963.0, 1.0))
 FRACTION = 0.1  # of the second liquid
@@ -102,3 +102,6 @@ def _mixture(case: Parameters, form: str):
     even = np.full(solver.count[None], FRACTION)
     set_fractions(solver, np.stack([1.0 - even, even], axis=1))
     return solver
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("drift", "gravity"), figures=FIGURES)

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.interface_fit import part
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity_implicit", "interface_tension")
 DENSITY = 1000.0  # kg/m^3
 WIDTH, HEIGHT = 6.0, 2.5  # sides of the box over the radius of the half circle at the start
 READINGS = 60  # of the history
@@ -149,3 +149,6 @@ def _rows(case: Parameters, result: Run) -> list[Row]:
             bounded("drift of the angle over the last tenth", drift, 1.0, "deg", **common),
             Row("share of particles near the surface on the wrong side", _late(result, "mixed").mean(), **common),
             *result.rows()]
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity_implicit", "interface_tension"), figures=FIGURES)

@@ -6,7 +6,6 @@ solve iterations. So the time that switching it off saves is measured too. What 
 share of the oil that is elsewhere (where the nearest particle of the other scene holds less oil), the oil's center,
 coverage, interface and speed. Beside it stands what `pipeline.advise` said before any run.
 """
-import csv
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -19,16 +18,15 @@ from scipy.spatial import cKDTree
 
 from pipeline.advice.report import report_of
 from pipeline.advice.rules import SEEN_EFFECT
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
-from pipeline.base.tables import read_table
+from pipeline.base.frame_files import FrameData
 from pipeline.pictures.eye_layout import section_and_map
 from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.pictures.picture_grid import sheet
-from pipeline.scenes.load import load_resolved
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
 from pipeline.studies.oil_shape import measured
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
-from pipeline.surfaces.surface_files import read_surface, surface_path
 from sim.parameters import parameter
 
 FIGURES = (
@@ -38,7 +36,6 @@ FIGURES = (
 )
 WIDTH, ACROSS = 330, 2  # pixels of a section, and of a map of the fundus; scenes side by side
 PICTURES = ("effects_pictures",)
-READS = ("frames", "surfaces", "images", "effects.csv")
 OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
 METRICS = {"wall coverage": ("wall_coverage", "%"), "fill": ("fill", "%"), "rms speed": ("speed_rms", "mm/s")}
 
@@ -58,8 +55,8 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
-    """Results of one scene; `numbers` at the end: name -> (value, unit); `costs`: rows of its table of effects.
+class Result:
+    """What one scene came to; `numbers` at the end: name -> (value, unit); `costs`: rows of its table of effects.
 
     ``cavity_volume`` is in m^3 (in two dimensions m^2).
     """
@@ -83,7 +80,7 @@ class Run:
         return sum(float(row["launches_per_step"]) for row in self.costs.values())
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Compare every scene that lacks an effect with the one that has all."""
     runs = {name: _load(folders[name], parameters.liquid) for name in scenes(parameters)}
     outcome, order = Outcome(), []
@@ -114,7 +111,7 @@ def judgment(scene: Scene, cavity_volume: float, effect: str) -> tuple[bool, str
     return any(one.level == SEEN_EFFECT for one in found), found[0].sentence if found else "no advice"
 
 
-def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], str, str]:
+def compared(base: Result, off: Result, effect: str, liquid: str) -> tuple[list[Row], str, str]:
     """Rows, a remark and a caption: what an effect costs and changes."""
     own = base.costs[effect]
     at: dict[str, Any] = {"at": off.scene.name}
@@ -142,7 +139,7 @@ def compared(base: Run, off: Run, effect: str, liquid: str) -> tuple[list[Row], 
     return rows, remark, f"time {-100 * saved:+.0f} %, oil elsewhere {100 * moved:.0f} %"
 
 
-def _rows_of_base(base: Run) -> list[Row]:
+def _rows_of_base(base: Result) -> list[Row]:
     at: dict[str, Any] = {"at": base.scene.name}
     return [Row("computing time of all cores", base.seconds, "s", **at),
             Row("time steps", float(base.frame.step), **at),
@@ -151,30 +148,23 @@ def _rows_of_base(base: Run) -> list[Row]:
             *(Row(name, value, unit, **at) for name, (value, unit) in base.numbers.items())]
 
 
-def _curves(one: Run, liquid: str) -> list[Curve]:
+def _curves(one: Result, liquid: str) -> list[Curve]:
     time, label = one.table["time [s]"], one.scene.title
     return [Curve("effects_coverage", label, time, one.table["wall_coverage [%]"], "line"),
             Curve("effects_center", label, time, one.table[f"center_of_mass_{liquid}_y [mm]"], "line")]
 
 
-def _load(folder: Path, liquid: str) -> Run:
-    scene, table = load_resolved(folder / "scene.json"), read_table(folder / "metrics.csv")
-    last = find_frames(sorted((folder / "frames").glob("segment_*"))[-1])[-1]
-    segment = last.parent.name
-    with (folder / "effects.csv").open(encoding="utf-8") as file:
-        costs = {row["part"]: row for row in csv.DictReader(file)}
-    surface = read_surface(surface_path(folder / "surfaces" / segment, last.stem, liquid))
+def _load(run: RunFolder, liquid: str) -> Result:
+    table, last = run.table, run.frames[-1]
     numbers = {label: (float(table[f"{column} [{unit}]"][-1]), unit) for label, (column, unit) in METRICS.items()}
     numbers |= {f"center of the oil, {axis}": (float(table[f"center_of_mass_{liquid}_{axis} [mm]"][-1]), "mm")
                 for axis in "yz"}
-    area = measured(surface, scene.numerics.particle_spacing)[1]
+    area = measured(last.surface(liquid), run.scene.numerics.particle_spacing)[1]
     numbers["interface away from the wall"] = (1e6 * area, "mm2")
-    with np.load(folder / "initial.npz") as initial:
-        volume = float(initial["cavity_volume"])
-    return Run(scene, volume, read_frame(last), folder / "images" / segment / f"{last.stem}.png", table, costs, numbers)
+    return Result(run.scene, run.cavity_volume, last.read(), run.picture_of(last), table, run.effect_costs, numbers)
 
 
-def _side_by_side(order: list[tuple[Run, str]]) -> bytes:
+def _side_by_side(order: list[tuple[Result, str]]) -> bytes:
     """Sections and maps of the fundus of all scenes at their ends, as PNG."""
     rows = []
     for one, caption in order:
@@ -183,3 +173,7 @@ def _side_by_side(order: list[tuple[Run, str]]) -> bytes:
         rows.append((f"{one.scene.title}: {caption or f'{one.seconds:.0f} s of computing time'}",
                      [(panel, "") for panel in drawn]))
     return sheet(rows, ACROSS)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images", "effects.csv"),
+                figures=FIGURES, pictures=PICTURES)

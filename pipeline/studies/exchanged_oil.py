@@ -23,6 +23,7 @@ from pipeline.equilibrium.of_scene import liquids_at_rest, rest_of
 from pipeline.planning.settings import postures
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, OILS, PIECES
@@ -34,7 +35,6 @@ READING = 0.01      # of the cavity, that flows from one reading to the next
 LOST = 3            # readings in a row without the liquid at the tip
 JOINED = 1.5        # particle spacings between particles of one piece
 MOST = 0.985        # of the cavity, that the entering liquid may come to hold
-THREADS = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,6 @@ class Parameters:
     posture: str = parameter("supine", choices=("supine", "upright", "left_side", "right_side"),
                              meaning="posture of the patient")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("tip", "cannula", "viscosity", "fill")
 
 
 def solves(case: Parameters) -> str:
@@ -155,3 +154,7 @@ def _outcome(case: Parameters, eye: RestingEye, readings: np.ndarray, lost: bool
     if ended:
         outcome.remarks.append(f"{case.exchange}, {case.tip_name}: ended since {ended}.")
     return outcome
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, liquids=liquids,
+                unnamed=("tip", "cannula", "viscosity", "fill"))

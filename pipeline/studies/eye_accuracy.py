@@ -8,18 +8,15 @@ import collections
 import dataclasses
 import functools
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.progress import progress
-from pipeline.base.tables import TIME, read_table
-from pipeline.cavity.initial_state import load_initial
+from pipeline.base.tables import TIME
 from pipeline.cavity.signed_distance_grid import distance_to_triangles
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
@@ -28,12 +25,11 @@ from pipeline.equilibrium.of_scene import rest_of
 from pipeline.measures.events import events_of
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.rest import at_rest, rest_begins, row_of_coverage
-from pipeline.scenes.ending import segments_made
-from pipeline.scenes.load import scene_of_run
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs
 from pipeline.simulation.runner import Runner
 from pipeline.simulation.solver_setup import build_solver, frame_of
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.surgeons_words import EYE_RUNS, covered_at
 from pipeline.study_kit.tank import WALL_TIME
@@ -42,8 +38,6 @@ from sim.parameters import parameter
 if TYPE_CHECKING:
     import trimesh
 
-THREADS = 2         # the wait that the figure tells is that on two cores
-READS = ()          # with the metrics of a run, its frames and costs are there
 PARTS = {"whole": "retina", "superior": "superior", "inferior": "inferior", "macula": "macula"}
 NEIGHBORS = 100     # within a support of 2.5 spacings there are 65
 LONGEST_EDGE = 1e-3  # m
@@ -65,7 +59,6 @@ class Parameters:
     times: tuple[float, ...] = parameter((1.0, 2.0, 3.0, 4.0, 6.0, 8.0), unit="s", exclusive_minimum=0.0,
                                          meaning="times at which the covered retina is told")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("times",)
 
 
 def scenes(case: Parameters) -> tuple[str, ...]:
@@ -96,18 +89,17 @@ class Course:
     seconds: float
 
 
-def run(case: Parameters, *given) -> Outcome:
+def run(case: Parameters, runs: Mapping[str, RunFolder], scene: Scene) -> Outcome:
     """Solve the scene, or read its own run, and set it beside the shape of least energy.
 
     Raises
     ------
     UserError : the scene's own run is asked for with another spacing or start than it has.
     """
-    *folders, scene = given
     if case.own_run and (case.particle_spacing is not None or case.seed):
         raise UserError("own_run: the run of the scene itself has the particle spacing of its level and the seed 0; "
                         "leave particle_spacing and seed out")
-    return compared(case, read(folders[0][case.scene]) if folders else solved(changed(case, scene), case.seed))
+    return compared(case, read(runs[case.scene]) if runs else solved(changed(case, scene), case.seed))
 
 
 def changed(case: Parameters, scene: Scene) -> Scene:
@@ -174,16 +166,12 @@ def events(scene: Scene, initial: dict[str, np.ndarray], table: dict[str, np.nda
     return events_of(scene, table, float(initial["cavity_volume"]))
 
 
-def read(folder: Path) -> Course:
+def read(run: RunFolder) -> Course:
     """Read what the run of a scene has left in its folder."""
-    scene, initial = scene_of_run(folder), load_initial(folder / "initial.npz")
-    segments = segments_made(scene, folder)
-    paths = [path for name in segments for path in find_frames(folder / "frames" / f"segment_{name}")]
-    clocks = [read_costs(folder / "costs" / f"segment_{name}.json")["frames"] for name in segments]
-    seconds = sum(without_compilation([frame["wall_seconds"] for frame in one if frame["frame"] > 0])
-                  for one in clocks)
-    late = [Measured(scene, initial, read_frame(path)) for path in paths[-frames_at_the_end(scene):]]
-    return Course(scene, initial, read_table(folder / "metrics.csv"), late, seconds)
+    seconds = sum(without_compilation([frame["wall_seconds"] for frame in one["frames"] if frame["frame"] > 0])
+                  for one in run.costs)
+    late = [Measured(run.scene, run.initial, frame.read()) for frame in run.frames[-frames_at_the_end(run.scene):]]
+    return Course(run.scene, run.initial, run.table, late, seconds)
 
 
 def without_compilation(seconds: Sequence[float]) -> float:
@@ -261,3 +249,8 @@ def compared(case: Parameters, course: Course) -> Outcome:
     outcome.tables["eye_runs"] = [[*EYE_RUNS, *way], [scene.name, case.accuracy, *(f"{one:.6g}" for one in values),
                                                      *(f"{one:.6g}" for one in way.values())]]
     return outcome
+
+
+# With the metrics of a run, its frames and costs are there; the wait that the figure tells is that on two cores.
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=(), solves=solves, unnamed=("times",),
+                figures=FIGURES, threads=2)

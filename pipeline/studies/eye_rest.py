@@ -9,15 +9,13 @@ import dataclasses
 import numpy as np
 
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome
 from pipeline.study_kit.tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 SCENE = "resting_eye"
 WIDTH = 0.022  # m
-HEADLINE, PER_WIDTH = "height of the aqueous, difference from the finest run", 1.0
-SELF_CONVERGENCE = True
 FIGURES = (Figure("eye_rest_height", "Oil coming to rest in the eye", "time / s", "rise of the aqueous / mm"),)
 
 
@@ -52,3 +50,8 @@ def height_of_aqueous(solver) -> dict[str, float]:
     aqueous = solver.particles.to_numpy("phase") == 0
     mass = field(solver, "mass")[aqueous]
     return {"height": float(mass @ field(solver, "position")[aqueous, 1] / np.sum(mass))}
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, figures=FIGURES,
+                headline=Headline("height of the aqueous, difference from the finest run", 1.0, self_convergence=True,
+                                  shown_by=("gravity", "viscosity_implicit", "interface_tension")))

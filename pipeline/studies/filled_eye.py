@@ -13,6 +13,7 @@ from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import DRAFT, StarCavity, cavity_of
 from pipeline.scenes.model import Eye
 from pipeline.study_kit.eye_pictures import as_png_file, fundus_picture
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.fills_at_rest import (
     GRAVITY,
     POSTURES,
@@ -63,7 +64,6 @@ class Parameters:
     fills: tuple[float, ...] = parameter(FILLS, minimum=0.5, maximum=0.98, meaning="shares of the cavity filled")
     postures: tuple[str, ...] = parameter(POSTURES, choices=POSTURES, meaning="postures of the patient")
     maps: bool = parameter(False, meaning="draw the maps of the fundus")
-    UNNAMED = ("density", "tension", "contact_angle", "maps")
 
     def liquids(self, angle: float) -> Liquids:
         """Return what decides where it rests, at a contact angle in degrees."""
@@ -144,3 +144,6 @@ def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[s
     up = np.copysign(1.0, case.aqueous_density - case.density) * -down_of("upright")
     depth = case.radius * (np.radians(0.5 * profile.arc) - np.arccos(np.clip(sphere.direction @ up, -1.0, 1.0)))
     return dict(zip(PARTS, shares_of(Contact(sphere, depth), parts_of(sphere)), strict=True))
+
+
+FAMILY = Family(__name__, Parameters, run, unnamed=("density", "tension", "contact_angle", "maps"))

@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_bvp
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, film_exchanges
 from sim.effects.parts.contact_line import fastest_retreat
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "wall_film")
 GRAVITY = 9.81  # m/s^2
 CONTACT_ANGLE = np.radians(18.2)
 OIL, OIL_VISCOSITY = 970.0, 1.0  # kg/m^3, Pa s
@@ -254,3 +254,7 @@ def _solver(case: Parameters, size: np.ndarray, is_oil):
                           Liquid("oil", OIL, OIL_VISCOSITY)),
                  effects=effects, phase=lambda x: is_oil(x + 0.5 * size),
                  maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
+
+
+FAMILY = Family(__name__, Parameters, run,
+                effects=("gravity", "viscosity_implicit", "interface_tension", "wall_film"), figures=FIGURES)

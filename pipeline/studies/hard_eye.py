@@ -9,12 +9,12 @@ import time
 
 from pipeline.base.errors import UserError
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.hard_cases import FAILED, HardCase, Tank, judge
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.tank import TankParameters, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 OIL, AQUEOUS = "silicone_oil_1000", "aqueous"
 
 
@@ -74,3 +74,6 @@ def run(case: Parameters, scene: Scene) -> Outcome:
         outcome.remarks.append(f"{case.scene} {at}: {'failed' if verdict.outcome == FAILED else verdict.outcome} "
                                f"({verdict.sentence}).")
     return outcome
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves)

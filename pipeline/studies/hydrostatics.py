@@ -13,17 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, observed_order
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
-SHOWN_BY = ("gravity",)  # effects of a scene in which its error is to be expected
 GRAVITY = 9.81
 HEIGHT = 0.02  # m, the size of an eye
 HEAVY = 1000.0  # kg/m^3
-HEADLINE, PER_WIDTH = "pressure error / (rho g H)", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("hydrostatics_error", "Pressure of two layers at rest", "particle spacing / height",
            "root mean square of the pressure error / (rho g H)", logarithmic=True),
@@ -123,3 +121,7 @@ def _profile(case: Parameters, result: Run, name: str) -> list[Curve]:
     return [Curve("hydrostatics_profile", name, pressure[near], height[near]),
             Curve("hydrostatics_profile", f"exact 1:{case.density_ratio:g}",
                   exact_pressure(case.density_ratio, line), line, "reference")]
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES, headline=Headline("pressure error / (rho g H)", 1.0, shown_by=("gravity",)))

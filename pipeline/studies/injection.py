@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import Run, TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
 
-EFFECTS = ("injection", "gravity", "viscosity_implicit", "interface_tension")
 WIDTH = 0.022  # m
 READINGS = 20  # of the distances between particles
 FIGURES = (
@@ -107,3 +107,6 @@ def _rows(injection, result: Run) -> list[Row]:
             Row("compression rate, highest of 99th percentiles", float(result.values("high")[1:].max()), **common),
             Row("compression rate, largest", float(result.values("highest")[1:].max()), **common),
             Row("smallest distance of two particles, in spacings", float(result.values("nearest").min()), **common)]
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, figures=FIGURES)

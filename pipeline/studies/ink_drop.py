@@ -8,18 +8,18 @@ same everywhere). Both count what is mixed within particles; stirring alone, as 
 import dataclasses
 import itertools
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.measures.mixing_metrics import entropy
 from pipeline.pictures.container_sheet import moments
 from pipeline.pictures.picture_grid import evenly, sheet
-from pipeline.scenes.load import load_resolved
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
+from pipeline.surfaces.saved_frame import SavedFrame
 from sim.parameters import parameter
 
 FIGURES = (
@@ -27,7 +27,6 @@ FIGURES = (
     Figure("ink_drop_entropy", "Entropy of mixing", "time / s", "entropy / evenly mixed"),
 )
 PICTURES = ("ink_drop_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 500  # of a picture, in pixels of the large canvas
 LATE = 0.2  # share of the scene after which the order of the scenes is judged: before, the drop has hardly touched
 
@@ -51,7 +50,7 @@ class Mixture:
     """How far one scene is mixed, frame by frame: time, s; variance and entropy as above."""
 
     scene: Scene
-    paths: list[Path]
+    frames: list[SavedFrame]
     time: np.ndarray
     variance: np.ndarray
     entropy: np.ndarray
@@ -64,7 +63,7 @@ class Mixture:
         return diffusion.coefficient if diffusion else 0.0
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Measure the mixing of every scene, and whether a larger coefficient mixes faster."""
     mixtures = [_load(folders[name], parameters.ink) for name in parameters.scenes]
     outcome = Outcome(pictures={PICTURES[0]: _rows_of_pictures(mixtures, parameters.pictures)})
@@ -104,11 +103,10 @@ def mixing(fraction: np.ndarray, volume: np.ndarray) -> tuple[float, float]:
             float(share @ entropy(both) / entropy(np.array([mean, 1.0 - mean]))))
 
 
-def _load(folder: Path, ink: str) -> Mixture:
-    paths = [path for segment in sorted((folder / "frames").glob("segment_*")) for path in find_frames(segment)]
+def _load(run: RunFolder, ink: str) -> Mixture:
     times, measured, volumes = [], [], []
-    for path in paths:
-        frame = read_frame(path)
+    for saved in run.frames:
+        frame = saved.read()
         which = list(frame.liquids).index(ink)
         fraction, volume = frame.volume_fraction[:, which].astype(float), frame.volume.astype(float)
         times.append(frame.time)
@@ -116,17 +114,21 @@ def _load(folder: Path, ink: str) -> Mixture:
         volumes.append(volume @ fraction)
     variance, mixed = np.array(measured).T
     change = float(np.abs(np.array(volumes) / volumes[0] - 1.0).max())
-    return Mixture(load_resolved(folder / "scene.json"), paths, np.array(times), variance, mixed, change)
+    return Mixture(run.scene, run.frames, np.array(times), variance, mixed, change)
 
 
 def _rows_of_pictures(mixtures: list[Mixture], count: int) -> bytes:
     """A row for every scene, at the same times from left to right, as PNG; colors mix as the fractions do."""
-    indices = evenly(count, min(len(mixture.paths) for mixture in mixtures))
+    indices = evenly(count, min(len(mixture.frames) for mixture in mixtures))
     rows = []
     for mixture in mixtures:
         def caption(number: int, frame, mixture=mixture) -> str:
             return f"{frame.time:.2f} s, variance {mixture.variance[indices[number]]:.2f}"
 
         rows.append((f"D_m = {mixture.coefficient:g} m²/s",
-                     moments(mixture.scene, [mixture.paths[k] for k in indices], WIDTH, caption)))
+                     moments(mixture.scene, [mixture.frames[k] for k in indices], WIDTH, caption)))
     return sheet(rows)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), figures=FIGURES,
+                pictures=PICTURES)

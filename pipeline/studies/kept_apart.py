@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
@@ -21,7 +22,6 @@ AQUEOUS, OIL = Liquid("aqueous", 1005.0, 0.7e-3), Liquid("oil", 970.0, 1.0)
 NEIGHBORHOOD = 2.0  # spacings
 SCATTERED = 0.05  # of the particles
 FIGURES = (Figure("apart_isolated", "Particles left alone in the other liquid", "time / s", "isolated / particles"),)
-EFFECTS = ("gravity", "viscosity_implicit", "collision")
 FORMS = {"without": None, "hull": {}, "hull_and_half": {"least_share": 0.5}}
 
 
@@ -78,3 +78,6 @@ def counts(solver) -> dict[str, float]:
     return {"isolated": float(np.mean(other > 0.5 * number)), "unlike": float(unlike.mean()),
             "risen": float(np.mean(position[phase == 1, 1] > 0.0)),
             "speed": float(np.sqrt((velocity**2).sum(axis=1).mean()))}
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "collision"), figures=FIGURES)

@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity_implicit", "interface_tension")
-SHOWN_BY = ("interface_tension",)  # effects of a scene in which its error is to be expected
 DENSITY = 1000.0  # kg/m^3
 GRAVITY = 9.81  # m/s^2, of the largest time step only
 CAVITY = 2.0  # radius of the cavity over that of the drop
@@ -29,7 +28,6 @@ INSIDE, OUTSIDE = 0.6, 1.4  # where the pressure is read, over the radius of the
 JUMP_TOLERANCE = {2: 0.01, 3: 0.02}
 CURRENT_TOLERANCE = 5e-4
 ROUND = 0.02  # allowed scatter of the radii of a drop that was square
-HEADLINE, PER_WIDTH = "pressure jump", 0.25  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("laplace_jump", "Pressure jump of a drop", "sigma (d - 1) / R, Pa", "pressure jump, Pa"),
     Figure("laplace_currents", "Currents around a drop at rest", "time / sqrt(rho R^3 / sigma)",
@@ -143,3 +141,7 @@ def _curves(case: Parameters, result: Run, name: str) -> list[Curve]:
             Curve("laplace_jump", "Laplace", [0.0, 20.0], [0.0, 20.0], "reference"),
             Curve("laplace_currents", name, result.history["time"][shown] / _time(case),
                   np.log10(np.maximum(current, 1e-12)), "line")]
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity_implicit", "interface_tension"), figures=FIGURES,
+                headline=Headline("pressure jump", 0.25, shown_by=("interface_tension",)))

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.studies.diffusion import set_fractions
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import TankParameters, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("drift", "diffusion", "gravity")
 LENGTH = 0.1  # m, side of the box
 LIQUIDS = (Liquid("water", 1000.0, 1e-3), Liquid("oil", 963.0, 1.0), Liquid("light", 500.0, 1e-2))
 SLIP = 0.05  # largest way of the slip per step, about, in particle spacings
@@ -116,3 +116,6 @@ def _mix(case: Parameters, resolution: int) -> dict:
     return result | {"change": {"volumes": worst[:3].max(), "mass": worst[3], "momentum": worst[4:].max()},
                      "sub_steps": sub_steps / case.steps,
                      "variance": field(solver, "volume_fraction").var(axis=0).sum() / spread}
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("drift", "diffusion", "gravity"), figures=FIGURES)

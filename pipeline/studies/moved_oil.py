@@ -22,6 +22,7 @@ from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
 from pipeline.studies.turned_sphere import Turned
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import (
@@ -50,7 +51,6 @@ PERCENTILE = 99.0       # of the shift of the interface that is called its large
 LONGEST_STEP = 20e-3    # s, while standing up; the limit of the tension, which grows with viscosity, is smaller
 WAYS = (0.5, 0.8)       # shares of the way whose times are told
 MODES = 300             # of the exact stress in a sphere
-THREADS = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +72,6 @@ class Parameters:
     watched: float = parameter(15.0, unit="s", exclusive_minimum=0.0,
                                meaning="time watched from then on, for an oil of 1 Pa s, and in proportion to that")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("watched", "saccades")
 
 
 def solves(case: Parameters) -> str:
@@ -262,3 +261,6 @@ def time_of(times, made, way: float) -> float:
         return np.nan
     share = (way - made[last]) / (made[last + 1] - made[last])
     return float(times[last] + share * (times[last + 1] - times[last]))
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, liquids=liquids, unnamed=("watched", "saccades"))

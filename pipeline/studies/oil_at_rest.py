@@ -14,6 +14,7 @@ from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.rest import Liquids, at_rest, refined_start
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.scenes.model import Eye
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.young_laplace import oil_at_rest
 from sim.parameters import parameter
@@ -91,3 +92,6 @@ def _expected_in_sphere(case: Parameters) -> dict[str, float]:
     exact = oil_at_rest(case.fill, np.radians(case.contact_angle),
                         case.density_difference * GRAVITY / case.tension, case.radius, 3)
     return {"arc": exact.arc, "wall": 100.0 * exact.coverage, "height on the axis": 1e3 * exact.apex}
+
+
+FAMILY = Family(__name__, Parameters, run, figures=FIGURES)

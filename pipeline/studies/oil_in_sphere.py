@@ -19,6 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pipeline.measures.coverage import WallContact
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.interface_fit import part
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
@@ -26,7 +27,6 @@ from pipeline.study_kit.young_laplace import Profile, covered_arc, distance_to, 
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 GRAVITY = 9.81
 WATER = 1005.0  # kg/m^3
 READINGS = 30  # of the history
@@ -38,7 +38,6 @@ FIT_POINTS, FIT_STEPS = 250, 60
 FIT_STARTS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # curvatures on the axis tried, over 1/R
 FIT_DIFFERENCE = 1e-4  # of the unknown, over its size
 ROBUST = 0.3  # distance, in spacings, from which a point counts for less: droplets left on the wall
-HEADLINE, PER_WIDTH = "arc of contact", 0.5  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("oil_in_sphere_arc", "Arc of contact on the way to rest", "time steps", "arc less reference, deg"),
     Figure("oil_in_sphere_apex", "Height of the interface on the axis", "time steps", "(apex less reference) / dx"),
@@ -319,3 +318,7 @@ def _curves(case: Parameters, exact: Profile, ideal: Reading, result: Run, name:
     return [*curves, Curve("oil_in_sphere_profile", name, r[some] / case.radius, z[some] / case.radius),
             Curve("oil_in_sphere_profile", f"exact {case.dimension}D {case.contact_angle:g} deg fill {case.fill:g}",
                   exact.r / case.radius, exact.z / case.radius, "reference")]
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES, headline=Headline("arc of contact", 0.5))

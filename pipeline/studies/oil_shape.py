@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.pictures.eye_layout import section_and_map
 from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.pictures.picture_grid import evenly, sheet
-from pipeline.scenes.load import load_resolved
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
-from pipeline.surfaces.surface_files import read_surface, surface_path
 from sim.parameters import parameter
 
 FIGURES = (
@@ -28,7 +27,6 @@ FIGURES = (
 )
 WIDTH = 330  # pixels of a section, and of a map of the fundus
 PICTURES = ("oil_shape_pictures",)
-READS = ("frames", "surfaces", "images")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,11 +55,11 @@ class Oil:
     bodies: np.ndarray
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Measure the oil of every scene and compare its end with that of the first scene."""
     oils = [_load(folders[name], liquid) for name, liquid in zip(parameters.scenes, parameters.liquids, strict=True)]
     outcome = Outcome(pictures={PICTURES[0]: _side_by_side(oils, parameters.pictures)})
-    section = np.pi / 4.0 * _diameter(folders[parameters.scenes[0]]) ** 2
+    section = np.pi / 4.0 * _diameter(folders[parameters.scenes[0]].cavity_volume) ** 2
     for oil in oils:
         at: dict[str, Any] = {"at": oil.scene.name}
         outcome.rows += [
@@ -85,22 +83,16 @@ def sphericity(volume: float, area: float) -> float:
     return float(np.pi ** (1.0 / 3.0) * (6.0 * volume) ** (2.0 / 3.0) / area)
 
 
-def _diameter(folder: Path) -> float:
-    """Diameter of the ball that holds as much as the cavity, m."""
-    with np.load(folder / "initial.npz") as initial:
-        return float((6.0 * initial["cavity_volume"] / np.pi) ** (1.0 / 3.0))
+def _diameter(volume: float) -> float:
+    """Diameter of the ball of a volume, m3, in m."""
+    return float((6.0 * volume / np.pi) ** (1.0 / 3.0))
 
 
-def _load(folder: Path, liquid: str) -> Oil:
-    scene = load_resolved(folder / "scene.json")
-    rows, pictures = [], []
-    for segment in sorted((folder / "frames").glob("segment_*")):
-        for path in find_frames(segment):
-            surface = read_surface(surface_path(folder / "surfaces" / segment.name, path.stem, liquid))
-            rows.append((read_frame(path).time, *measured(surface, scene.numerics.particle_spacing)))
-            pictures.append(folder / "images" / segment.name / f"{path.stem}.png")
+def _load(run: RunFolder, liquid: str) -> Oil:
+    rows = [(frame.read().time, *measured(frame.surface(liquid), run.scene.numerics.particle_spacing))
+            for frame in run.frames]
     time, ratio, interface, bodies = (np.array(column) for column in zip(*rows, strict=True))
-    return Oil(scene, pictures, time, ratio, interface, bodies)
+    return Oil(run.scene, [run.picture_of(frame) for frame in run.frames], time, ratio, interface, bodies)
 
 
 def measured(surface, spacing: float) -> tuple[float, float, int]:
@@ -125,3 +117,7 @@ def _side_by_side(oils: list[Oil], count: int) -> bytes:
             row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]
         rows.append((oil.scene.title, row))
     return sheet(rows)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images"), figures=FIGURES,
+                pictures=PICTURES)

@@ -18,12 +18,12 @@ import numpy as np
 from scipy.optimize import curve_fit
 from scipy.special import ive, kve
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity_implicit", "interface_tension")
 RADIUS, TENSION, DENSITY = 0.01, 0.04, 1000.0  # m, N/m, kg/m^3
 CAVITY = 2.5  # b / R
 AMPLITUDE = 0.05  # e
@@ -200,3 +200,6 @@ def _swing(case: Parameters, resolution: int) -> Run:
         effects={"interface_tension": {"coefficient": TENSION}, "viscosity_implicit": {}},
         maximum_time_step=time / 100.0, minimum_time_step=1e-7 * time)
     return advance(solver, case.periods * time, f"R/dx={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity_implicit", "interface_tension"), figures=FIGURES)

@@ -14,6 +14,7 @@ from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.scenes.model import Eye
 from pipeline.study_kit.eye_pictures import as_png_file, row_of_pictures, section_of_eye
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.fills_at_rest import (
     GRAVITY,
     POSTURES,
@@ -50,7 +51,6 @@ class Parameters:
                                          meaning="shares of the cavity filled")
     postures: tuple[str, ...] = parameter(("upright", "supine", "prone", "left_side"), choices=POSTURES,
                                           meaning="postures of the patient")
-    UNNAMED = ("eye", "words", "group")
 
     def liquids(self, angle: float) -> Liquids:
         """Return what decides where the oil rests, at a contact angle in degrees."""
@@ -93,3 +93,6 @@ def run(case: Parameters) -> Outcome:
     outcome.tables["eye"] = [[case.words, case.group]]
     outcome.pictures[ROW] = as_png_file(row_of_pictures([section, *maps]))
     return outcome
+
+
+FAMILY = Family(__name__, Parameters, run, files=files, unnamed=("eye", "words", "group"))

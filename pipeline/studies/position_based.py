@@ -7,20 +7,20 @@ known roughly only (``sim.effects.cohesion``), so that nothing is asked there. T
 """
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from pipeline.base.frame_files import FrameData
 from pipeline.pictures.picture_grid import sheet
+from pipeline.runs.run_folder import RunFolder
 from pipeline.simulation.cost_files import seconds_of
-from pipeline.studies.collision import Run, load_run, row_of_moments
+from pipeline.studies.collision import Played, played, row_of_moments
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row, compared
 from sim.parameters import parameter
 
 PICTURES = ("position_based_pictures",)
-READS = ("frames", "surfaces")
 WIDTH = 290         # of a picture, in pixels of the large canvas
 CLOSE = 0.5         # spacings: nearer particles count as clumped
 SPREAD = 0.95       # quantile of the radii that counts as the edge of what has spread
@@ -48,15 +48,15 @@ def scenes(parameters: Parameters) -> tuple[str, ...]:
     return (*parameters.honey, *parameters.drops, *parameters.wetting, *parameters.constraints, *parameters.walls)
 
 
-def run(parameters: Parameters, folders: Mapping[str, Path]) -> Outcome:
+def run(parameters: Parameters, folders: Mapping[str, RunFolder]) -> Outcome:
     """Measure every scene, and say what follows."""
-    runs = {name: load_run(folders[name]) for name in scenes(parameters)}
+    runs = {name: played(folders[name]) for name in scenes(parameters)}
     outcome = Outcome(pictures={PICTURES[0]: _contact_sheet(list(runs.values()), parameters.pictures)})
     for judge, names in ((_honey, parameters.honey), (_drops, parameters.drops), (_wetting, parameters.wetting),
                          (_constraints, parameters.constraints), (_walls, parameters.walls)):
         judge(outcome, {name: runs[name] for name in names})
     for name, each in runs.items():
-        wall = float(seconds_of(each.costs, "wall_seconds")[1:].sum())
+        wall = float(seconds_of(each.run.costs, "wall_seconds")[1:].sum())
         outcome.rows += [Row("particles", float(len(each.frames[0].id)), at=name),
                          Row("computing time by the clock", wall, "s", at=name)]
     return outcome
@@ -92,7 +92,7 @@ def huppert_radius(volume: float, viscosity: float, time: float) -> float:
     return HUPPERT * (GRAVITY * volume**3 / (3.0 * viscosity) * time) ** 0.125
 
 
-def energies(each: Run, index: int) -> tuple[float, float]:
+def energies(each: Played, index: int) -> tuple[float, float]:
     """Kinetic energy, and potential energy above the floor, J (in 2D of a layer 1 m deep), of one frame."""
     frame = each.frames[index]
     mass = frame.volume.astype(float) * np.array([liquid.density for liquid in each.scene.liquids])[frame.phase]
@@ -100,7 +100,7 @@ def energies(each: Run, index: int) -> tuple[float, float]:
     return float(kinetic), float(GRAVITY * mass @ positions(frame)[:, 1])
 
 
-def _honey(outcome: Outcome, runs: dict[str, Run]) -> None:
+def _honey(outcome: Outcome, runs: dict[str, Played]) -> None:
     radii = {}
     for number, (name, each) in enumerate(runs.items()):
         last, liquid = each.frames[-1], each.scene.liquids[0]
@@ -120,7 +120,7 @@ def _honey(outcome: Outcome, runs: dict[str, Run]) -> None:
                            f"{1000.0 * expected:.0f} mm.")
 
 
-def _drops(outcome: Outcome, runs: dict[str, Run]) -> None:
+def _drops(outcome: Outcome, runs: dict[str, Played]) -> None:
     found = {name: sphericity(each.frames[-1]) for name, each in runs.items()}
     (first, value), *others = found.items()
     outcome.rows.append(Row("sphericity at the end", value, reference=1.0, error=max(0.0, ROUND - value), tolerance=0.0,
@@ -135,7 +135,7 @@ def puddle_height(tension: float, density: float) -> float:
     return 2.0 * float(np.sqrt(tension / (density * GRAVITY)))
 
 
-def _wetting(outcome: Outcome, runs: dict[str, Run]) -> None:
+def _wetting(outcome: Outcome, runs: dict[str, Played]) -> None:
     heights = {}
     for name, each in runs.items():
         last = each.frames[-1]
@@ -152,7 +152,7 @@ def _wetting(outcome: Outcome, runs: dict[str, Run]) -> None:
         + f"; a wide puddle that does not wet has {1000.0 * dry:.1f} mm.")
 
 
-def _constraints(outcome: Outcome, runs: dict[str, Run]) -> None:
+def _constraints(outcome: Outcome, runs: dict[str, Played]) -> None:
     clumped = {}
     for name, each in runs.items():
         later = each.frames[1:]
@@ -172,7 +172,7 @@ def _constraints(outcome: Outcome, runs: dict[str, Run]) -> None:
         f"{name} {100.0 * share:.1f} %" for name, share in clumped.items()) + ".")
 
 
-def _walls(outcome: Outcome, runs: dict[str, Run]) -> None:
+def _walls(outcome: Outcome, runs: dict[str, Played]) -> None:
     found = {}
     for name, each in runs.items():
         last, size = each.frames[-1], np.array(each.scene.container.size)
@@ -184,6 +184,9 @@ def _walls(outcome: Outcome, runs: dict[str, Run]) -> None:
         f"{name} {100.0 * share:.1f} %" for name, share in found.items()) + ".")
 
 
-def _contact_sheet(runs: list[Run], count: int) -> bytes:
+def _contact_sheet(runs: list[Played], count: int) -> bytes:
     """All scenes, two side by side, at some times, as PNG."""
     return sheet([row_of_moments(each, count, WIDTH) for each in runs], across=2)
+
+
+FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces"), pictures=PICTURES)

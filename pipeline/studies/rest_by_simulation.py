@@ -19,12 +19,12 @@ from pipeline.measures.coverage import WallContact
 from pipeline.planning.settings import postures
 from pipeline.scenes.model import AT_REST, Eye, Scene
 from pipeline.simulation.solver_setup import build_solver
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import advance, time_rows
 from sim.effects.gravity import POSTURES
 from sim.parameters import parameter
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 SCENES, AQUEOUS = ("resting_eye", "gas_eye"), "aqueous"
 PARTS = {"retina": "whole", "superior": "superior", "inferior": "inferior", "macula": "macula"}
 TOLERANCE = 3.0     # points of a covered share
@@ -47,7 +47,6 @@ class Parameters:
     viscosity: float = parameter(0.1, unit="Pa s", exclusive_minimum=0.0, meaning="of both liquids")
     duration: float = parameter(3.0, unit="s", exclusive_minimum=0.0, meaning="simulated time")
     precision: str = parameter("f32", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("eye", "scene")
 
 
 def solves(case: Parameters) -> str:
@@ -141,3 +140,6 @@ def _outcome(case: Parameters, exact: Rest, exact_s: float, reading: list[float]
                      *time_rows((float(seconds[0]), float(seconds[1])), at=at)]
     outcome.curves.append(Curve("rest_by_simulation", at, times, found[:, 0] - 100.0 * sharp["retina"], "line"))
     return outcome
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, unnamed=("eye", "scene"), figures=FIGURES)

@@ -17,20 +17,18 @@ import dataclasses
 import numpy as np
 from skimage.measure import find_contours
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity", "viscosity_implicit", "interface_tension")
-SHOWN_BY = ("gravity", "interface_tension")  # effects of a scene in which its error is to be expected
 WIDTH, HEIGHT, RADIUS = 1.0, 2.0, 0.25  # m
 START = -0.5  # m, height of the bubble's center above the middle of the box
 GRAVITY = 0.98
 LIQUID = Liquid("liquid", 1000.0, 10.0)
 END = 3.0  # s
 PRESSURE_TOLERANCE = 1e-5  # with 1e-4, in the small steps of a fine bubble, it bounces as if it were compressible
-HEADLINE, PER_WIDTH = "largest speed", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("bubble_height", "Height of a rising bubble", "time / s", "center of mass / m"),
     Figure("bubble_speed", "Speed of a rising bubble", "time / s", "mean upward velocity / (m/s)"),
@@ -147,3 +145,8 @@ def _rise(case: Parameters, resolution: int) -> Run:
                 "circularity": circularity(tension.level_set.phi.to_numpy().reshape(grid.shape), grid.cell)}
 
     return advance(solver, END, f"n={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run,
+                effects=("gravity", "viscosity", "viscosity_implicit", "interface_tension"), figures=FIGURES,
+                headline=Headline("largest speed", 1.0, shown_by=("gravity", "interface_tension")))

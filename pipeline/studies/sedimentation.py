@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.studies.diffusion import set_fractions
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import TankParameters, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("drift", "gravity")
 HEIGHT = 1.0  # m, H
 GRAVITY = 10.0  # m/s^2
 DENSITIES = (1000.0, 900.0)  # kg/m^3, heavy and light
@@ -122,3 +122,6 @@ def _crossing(height: np.ndarray, fraction: np.ndarray, above: int, level: float
         return float(above > 0)
     low, high = fraction[above - 1], fraction[above]
     return float(height[above - 1] + (level - low) / (high - low) * (height[above] - height[above - 1]))
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("drift", "gravity"), figures=FIGURES)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared
 from pipeline.study_kit.tank import TankParameters, advance, build, cavity, field
 from sim.effects.xsph import kinematic_viscosity
 from sim.parameters import parameter
 from sim.settings import Liquid, Numerics
 
-EFFECTS = ("xsph",)
 PERIOD, SPEED, DENSITY = 1.0, 1.0, 1000.0  # m, m/s, kg/m^3
 WAVE_NUMBER = 2.0 * np.pi / PERIOD
 TOLERANCE = 0.05
@@ -75,3 +75,6 @@ def amplitude(solver) -> dict[str, float]:
     """Amplitude of the wave, m/s: its share of the velocities by least squares."""
     shape = np.sin(WAVE_NUMBER * field(solver, "position")[:, 1])
     return {"amplitude": float(field(solver, "velocity")[:, 0] @ shape / (shape @ shape))}
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("xsph",), figures=FIGURES)

@@ -20,6 +20,7 @@ from pipeline.equilibrium.rest import Rest
 from pipeline.planning.settings import postures
 from pipeline.scenes.load import project_materials
 from pipeline.scenes.model import Scene
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row, compared
 from pipeline.study_kit.resting_eye import RestingEye
 from pipeline.study_kit.surgeons_words import (
@@ -76,7 +77,6 @@ class Parameters:
                                           meaning="postures of the patient")
     particles: bool = parameter(False, meaning="measure the contact line on particles too, and nothing else")
     precision: str = parameter("f64", choices=("f32", "f64"), meaning="floating point format of the fields")
-    UNNAMED = ("precision",)
 
 
 def solves(case: Parameters) -> str:
@@ -258,3 +258,6 @@ def _by_particles(case: Parameters, scene: Scene) -> Outcome:
     row = compared(LINE_BY_PARTICLES, effect.contact_line_length(), exact, None, "m",
                    at=f"[{1e3 * scene.numerics.particle_spacing:g} mm]")
     return Outcome(rows=[row])
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, liquids=liquids, unnamed=("precision",))

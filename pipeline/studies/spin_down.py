@@ -9,12 +9,12 @@ import dataclasses
 import numpy as np
 from scipy.special import jn_zeros
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity", "viscosity_implicit")
 RADIUS = 1.0  # m, R
 DENSITY = 1000.0  # kg/m^3
 RATE = 1.0  # 1/s, angular velocity of the start
@@ -99,3 +99,6 @@ def _late_rate(scaled: np.ndarray, spin: np.ndarray) -> float:
     """Slope of the logarithm after `SETTLING`; 1 for the first mode alone."""
     late = scaled > SETTLING
     return float(-np.polyfit(scaled[late], np.log(spin[late]), 1)[0])
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity", "viscosity_implicit"), figures=FIGURES)

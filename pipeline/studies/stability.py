@@ -15,6 +15,7 @@ from pipeline.base.errors import UserError
 from pipeline.pictures.picture_grid import as_png, panels
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from pipeline.study_kit import hard_cases as hard
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.hard_cases import HardCase, Tank, Verdict
 from pipeline.study_kit.model import Outcome, Row
 from sim.effects.gravity import Jolt
@@ -23,7 +24,6 @@ from sim.schemes import REGISTRY as SCHEMES
 from sim.schemes.wcsph import WCSPHParameters
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "diffusion", "injection")
 PICTURES = ("stability_table",)
 COLORS = {hard.HELD: "#cfe8d5", hard.DEGRADED: "#f6e7b4", hard.REFUSED: "#d5dfee", hard.FAILED: "#f2b8ad"}
 WORDS = {hard.HELD: "held", hard.DEGRADED: "held, small steps", hard.REFUSED: "refused", hard.FAILED: "failed"}
@@ -221,3 +221,8 @@ def _box(column: int, line: int, color: str):
     from matplotlib.patches import Rectangle
 
     return Rectangle((column + 0.02, line - 0.46), 0.96, 0.92, facecolor=color)
+
+
+FAMILY = Family(__name__, Parameters, run,
+                effects=("gravity", "viscosity_implicit", "interface_tension", "diffusion", "injection", "cohesion"),
+                pictures=PICTURES, draw=pictures)

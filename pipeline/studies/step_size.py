@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.scenes.model import Scene
 from pipeline.studies.eye_rest import SCENE, height_of_aqueous
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import TankParameters, advance, field, scene_solver
 from sim.parameters import parameter
@@ -85,3 +86,6 @@ def differences(curves: dict[str, np.ndarray], of: str = "") -> list[Row]:
     return [Row(f"{of}difference from {finest.strip('[]')}", at=label, value=float(
         np.sqrt(((np.interp(time, *curves[label]) - expected) ** 2).mean() / (expected**2).mean())))
         for label in others]
+
+
+FAMILY = Family(__name__, Parameters, run, solves=solves, figures=FIGURES)

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension")
 GRAVITY = 9.81
 HEIGHT = 0.02  # m
 HEAVY = 1000.0  # kg/m^3
@@ -99,3 +99,7 @@ def _rest(case: Parameters, resolution: int) -> Run:
                    filled=(lambda x: x[:, 1] < level + 0.5 * HEIGHT) if is_open else None,
                    maximum_time_step=case.largest_step * np.sqrt(spacing / GRAVITY))
     return advance(solver, case.rest_times * np.sqrt(HEIGHT / GRAVITY), f"n={resolution}", motion)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("gravity", "viscosity_implicit", "interface_tension"),
+                figures=FIGURES)

@@ -9,17 +9,15 @@ import dataclasses
 
 import numpy as np
 
+from pipeline.study_kit.family import Family, Headline
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, motion
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("viscosity", "viscosity_implicit")
-SHOWN_BY = ("viscosity",)  # effects of a scene in which its error is to be expected
 PERIOD = 1.0  # m, L = 2 pi / k
 SPEED = 1.0  # m/s, U
 DENSITY = 1000.0  # kg/m^3
-HEADLINE, PER_WIDTH = "decay rate of the energy", 1.0  # of `pipeline.study_kit.tradeoff`
 FIGURES = (
     Figure("taylor_green_decay", "Energy of a Taylor-Green vortex, finest resolution", "4 nu k² t",
            "ln(kinetic energy / start)"),
@@ -107,3 +105,7 @@ def _difference(case: Parameters, resolution: int, result: Run) -> Row:
                   for run in (one, result)]
     difference = np.nan if broken else float(np.abs(velocities[1] - velocities[0]).max() / SPEED)
     return bounded("largest difference from one liquid / U", difference, 1e-6, at=result.label, wall_s=one.wall_s)
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("viscosity", "viscosity_implicit"), figures=FIGURES,
+                headline=Headline("decay rate of the energy", 1.0, shown_by=("viscosity",)))

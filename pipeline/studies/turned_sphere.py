@@ -13,13 +13,13 @@ from scipy.special import jn_zeros, jv, spherical_jn
 
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.wall_shear import wall_shear_stress
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.tank import Run, TankParameters, advance, build, cavity, field
 from sim.effects.eye_rotation import EyeRotationParameters, Oscillation, Saccade
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("eye_rotation", "viscosity_implicit")
 RADIUS = 11e-3  # m, R, that of an eye
 DENSITY = 970.0  # kg/m^3
 AMPLITUDE = np.radians(10.0)
@@ -242,3 +242,6 @@ class Watch:
                 "stress error": float(np.sqrt(np.mean(np.sum((stress - expected) ** 2, axis=1)))),
                 "stress": float(np.sqrt(np.mean(np.sum(stress**2, axis=1)))),
                 "exact stress": float(np.sqrt(np.mean(np.sum(expected**2, axis=1))))}
+
+
+FAMILY = Family(__name__, Parameters, run, effects=("eye_rotation", "viscosity_implicit"), figures=FIGURES)

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from pipeline.measures.coverage import WallContact
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row, bounded
 from pipeline.study_kit.tank import PackedParameters, Run, advance, build, cavity, field, film_exchanges
 from pipeline.study_kit.young_laplace import Profile, oil_at_rest
 from sim.parameters import parameter
 from sim.settings import Liquid
 
-EFFECTS = ("gravity", "viscosity_implicit", "interface_tension", "wall_film")
 GRAVITY, TENSION, RADIUS = 9.81, 0.04, 0.011  # m/s^2, N/m, m
 AQUEOUS, OIL = Liquid("aqueous", 1005.0, 7e-4), Liquid("oil", 970.0, 1.0)
 CONTACT_ANGLE = np.radians(18.2)
@@ -113,3 +113,7 @@ def _rest(case: Parameters, exact: Profile, resolution: int, films: bool) -> Run
         return {"coverage": last["coverage"], "exchanges": film_exchanges(solver)}
 
     return advance(solver, case.duration, f"R/dx={resolution}", watch)
+
+
+FAMILY = Family(__name__, Parameters, run,
+                effects=("gravity", "viscosity_implicit", "interface_tension", "wall_film"), figures=FIGURES)

@@ -12,7 +12,15 @@ from pipeline.base import page
 from pipeline.base.palette import COLORS
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.moved_oil_page import oil_words
-from pipeline.study_kit.question_page import QuestionPage, drawn, link_to, table_rows, write_csv, write_picture
+from pipeline.study_kit.question_page import (
+    QuestionPage,
+    StudyPage,
+    drawn,
+    link_to,
+    table_rows,
+    write_csv,
+    write_picture,
+)
 from pipeline.study_kit.surgeons_words import LARGEST, LEFT, LOST_AT, PIECES
 
 PICTURES, TABLES = ("exchange",), ("cannulas", "exchanges", "courses")
@@ -197,3 +205,6 @@ def _picture(cannulas: Rows, courses: Rows) -> bytes:
             axes.legend(frameon=False, fontsize=8)
 
     return drawn((12.0, 4.6), draw, 1, 2)
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page)

@@ -15,7 +15,7 @@ from pipeline.base.words import duration
 from pipeline.forecast.retina_error import COLUMNS
 from pipeline.study_kit.model import Outcome, Row
 from pipeline.study_kit.plan import spacings
-from pipeline.study_kit.question_page import WORDS, drawn, link_to, table_rows, write_csv, write_picture
+from pipeline.study_kit.question_page import WORDS, StudyPage, drawn, link_to, table_rows, write_csv, write_picture
 from pipeline.study_kit.surgeons_words import EYE_RUNS, covered_at
 
 PICTURES, TABLES = ("accuracy_eye",), ("eye_runs", "eye_errors")
@@ -188,3 +188,6 @@ def picture_of(sizes: Sequence[Size], moment: float) -> bytes:
             axes.grid(alpha=0.3)
 
     return drawn((7.6, 4.3), draw, 2, 2, gridspec_kw={"width_ratios": (2.1, 1.0)})
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page, in_short)

@@ -15,7 +15,15 @@ from pipeline.base.errors import UserError
 from pipeline.base.palette import COLORS
 from pipeline.equilibrium.checked import SIMULATED
 from pipeline.study_kit.model import Outcome
-from pipeline.study_kit.question_page import QuestionPage, drawn, joined_tables, link_to, write_csv, write_picture
+from pipeline.study_kit.question_page import (
+    QuestionPage,
+    StudyPage,
+    drawn,
+    joined_tables,
+    link_to,
+    write_csv,
+    write_picture,
+)
 from pipeline.study_kit.surgeons_words import AQUEOUS, MODEL_ARC, SHOWN, SPHERE, TAMPONADES, WHOLE_SPHERE, posture_words
 
 PICTURES, TABLES = ("fill_curves", "fundus_maps"), ("shares",)
@@ -264,3 +272,6 @@ def _curves(shares: Shares) -> bytes:
         grid[0].legend(frameon=False, fontsize=9)
 
     return drawn((11.5, 4.6), draw, 1, 2, sharey=True)
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page)

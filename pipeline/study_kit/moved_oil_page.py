@@ -13,6 +13,7 @@ from pipeline.base.palette import COLORS
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.question_page import (
     QuestionPage,
+    StudyPage,
     drawn,
     link_to,
     table_rows,
@@ -324,3 +325,6 @@ def _picture(movements: Movements, courses: Sequence[dict[str, str]]) -> bytes:
         grid[0].legend(frameon=False, fontsize=9)
 
     return drawn((13.0, 4.2), draw, 1, 3)
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page)

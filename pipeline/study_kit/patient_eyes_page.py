@@ -13,7 +13,7 @@ from pipeline.equilibrium.checked import SIMULATED
 from pipeline.study_kit.eye_pictures import all_eyes, as_png_file
 from pipeline.study_kit.filled_eye_page import SHOWN_PARTS, Share
 from pipeline.study_kit.model import Outcome, Row
-from pipeline.study_kit.question_page import QuestionPage, joined_tables, link_to, write_csv, write_picture
+from pipeline.study_kit.question_page import QuestionPage, StudyPage, joined_tables, link_to, write_csv, write_picture
 from pipeline.study_kit.surgeons_words import AQUEOUS, GROUPS, ROW, SHOWN, VOLUME, posture_words
 
 PICTURES, TABLES = ("eye_maps",), ("shares",)
@@ -180,3 +180,6 @@ def validated(outcomes: Sequence[Outcome]) -> list[str]:
         "range holds that, for each eye, posture and part.",
         page.joined("The method was compared with exact shapes in spheres, with Surface Evolver in the average eye, "
                     "and with simulations:", link_to("methods/equilibrium.md") + "."), SIMULATED]
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page)

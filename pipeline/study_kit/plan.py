@@ -1,12 +1,10 @@
 """Which cases a study has: from ``config/studies/<study>.yaml`` to the parameters of every case."""
 import dataclasses
 import functools
-import importlib
 import itertools
 import json
 import math
 import re
-import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,20 +13,20 @@ from typing import Any
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
 from pipeline.base.words import printable
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.folders import scene_path
-from pipeline.scenes.load import PROJECT_CONFIG, load_scene, project_materials
+from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene, project_materials
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import Errors, Reader, describe, nearest
-from pipeline.scenes.units import parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
-from pipeline.study_kit.model import Outcome
-from pipeline.study_kit.question_page import page_module
+from pipeline.study_kit.family import Family, family_names, family_of
+from pipeline.study_kit.model import Figure, Outcome
+from pipeline.study_kit.question_page import StudyPage, page_of
 from sim.parameters import parameter
 
 STUDIES = Path("config/studies")
 OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
-FAMILIES = Path(__file__).parents[1] / "studies"
 KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
@@ -42,51 +40,48 @@ REPORTS = ("curves", "tradeoff", *QUESTIONS)
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One case: the family (a module of ``pipeline.studies``), its parameters, and the level of its scenes.
+    """One case: its family, its parameters, and the level of its scenes.
 
     That is the level of the study, or the ``accuracy`` of its parameters where they have one.
     """
 
     name: str
-    family: types.ModuleType
+    family: Family
     parameters: Any
     accuracy: str
 
     def folders(self) -> dict[str, Path]:
         """Scenes whose results the case reads, and where these are."""
-        names = self.family.scenes(self.parameters) if hasattr(self.family, "scenes") else ()
-        return {name: OUTPUTS / name / self.accuracy for name in names}
+        return {name: OUTPUTS / name / self.accuracy for name in self.family.scenes(self.parameters)}
 
     def run(self) -> Outcome:
-        """Run the case; a family with ``scenes`` gets the folders of their results too, one with ``solves`` a scene."""
-        given = [*([self.folders()] if self.folders() else []), *self.solved()]
-        return self.family.run(self.parameters, *given)
+        """Run the case."""
+        runs = {name: RunFolder(folder) for name, folder in self.folders().items()}
+        return self.family.run(self.parameters, *([runs] if self.family.reads_runs else []), *self.solved())
 
     def solved(self) -> list[Scene]:
         """The scene that the family solves by itself, if it does."""
-        if not hasattr(self.family, "solves"):
-            return []
-        return [cached_scene(self.family.solves(self.parameters), self.accuracy)]
+        return [cached_scene(self.family.solves(self.parameters), self.accuracy)] if self.family.solves else []
 
     def files(self) -> list[str]:
         """Files beside those of scenes that the case reads."""
-        return self.family.files(self.parameters) if hasattr(self.family, "files") else []
+        return list(self.family.files(self.parameters))
 
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Stages of those scenes, beside their metrics, whose results the case reads, or names of single files."""
-        return getattr(self.family, "READS", ("frames",))
+    def choices(self) -> frozenset[str]:
+        """Effects and schemes whose code the case runs: those of what it solves, a scene or solvers of its own."""
+        scenes = self.solved()
+        names = {name for scene in scenes for name in (*scene.effects, scene.numerics.scheme)}
+        own = [self.parameters.scheme] if hasattr(self.parameters, "scheme") else []
+        return frozenset(names.union(own, self.family.effects))
 
     def digest(self) -> str:
         """A new one means that the outcome may differ."""
-        chosen = {*getattr(self.family, "EFFECTS", ()), getattr(self.parameters, "scheme", "")}
-        chosen |= {name for scene in self.solved() for name in (*scene.effects, scene.numerics.scheme)}
         read: list[Any] = [_scene_text(scene.name, self.accuracy) for scene in self.solved()]
-        if hasattr(self.family, "liquids"):
-            liquids = (project_materials()[name] for name in self.family.liquids(self.parameters))
-            read += [[liquid.density, liquid.dynamic_viscosity] for liquid in liquids]
+        for name in self.family.liquids(self.parameters):
+            liquid = project_materials()[name]
+            read.append([liquid.density, liquid.dynamic_viscosity])
         values = json.dumps([dataclasses.asdict(self.parameters), *read], sort_keys=True)
-        return shortened(values, _code_digest(self.family.__name__, frozenset(chosen)))
+        return shortened(values, _code_digest(self.family.module, self.choices()))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,41 +101,41 @@ class Study:
         return sum(not case.folders() for case in self.cases.values())
 
     @property
-    def page(self) -> types.ModuleType | None:
-        """The module that writes its page, where it answers a question of a surgeon."""
-        return page_module(self.report) if self.report in QUESTIONS else None
+    def page(self) -> StudyPage | None:
+        """What writes its page, where it answers a question of a surgeon."""
+        return page_of(self.report) if self.report in QUESTIONS else None
 
-    def families(self) -> list[types.ModuleType]:
+    def families(self) -> list[Family]:
         """Families of the cases, each once."""
         return list(dict.fromkeys(case.family for case in self.cases.values()))
 
-    def figures(self) -> list:
+    def figures(self) -> list[Figure]:
         """Figures of all families, each once; none in a study of what accuracy costs, which has its own."""
         if self.report == "tradeoff":
             return []
-        return [figure for family in self.families() for figure in getattr(family, "FIGURES", ())]
+        return [figure for family in self.families() for figure in family.figures]
 
     def pictures(self) -> list[str]:
         """Names of all PNG files of the study: its figures, and pictures that a family makes itself.
 
-        A case returns its pictures with its outcome; ``pictures(outcomes)`` of a family draws all of its cases.
+        A case returns its pictures with its outcome; ``draw`` of a family shows all of its cases.
         """
         if self.report == "tradeoff":
             return [f"{family}_tradeoff" for family in self.family_names()]
         if self.page:
-            return list(self.page.PICTURES)
-        made = [name for family in self.families() for name in getattr(family, "PICTURES", ())]
+            return list(self.page.pictures)
+        made = [name for family in self.families() for name in family.pictures]
         return [figure.name for figure in self.figures()] + made
 
     def family_names(self) -> list[str]:
         """Names of the families, in the order of the file."""
-        return list(dict.fromkeys(case.family.__name__.rpartition(".")[2] for case in self.cases.values()))
+        return [family.name for family in self.families()]
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
         if self.report == "tradeoff":
             return [*self.family_names(), "orders"]
-        return list(self.page.TABLES) if self.page else []
+        return list(self.page.tables) if self.page else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
@@ -160,17 +155,12 @@ class Study:
 
 def spacings() -> dict[str, float]:
     """Particle spacing of every accuracy level, m."""
-    return {name: parse_quantity(values["particle_spacing"], "m") for name, values in read_yaml(ACCURACY).items()}
+    return {name: numerics.particle_spacing for name, numerics in load_accuracy_levels(ACCURACY).items()}
 
 
 def study_names(folder: Path = STUDIES) -> list[str]:
     """Return the names of all studies."""
     return sorted(path.stem for path in folder.glob("*.yaml"))
-
-
-def family_names() -> list[str]:
-    """Return the names of all families of cases."""
-    return sorted(path.stem for path in FAMILIES.glob("*.py") if path.stem != "__init__")
 
 
 def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> Study:
@@ -179,7 +169,8 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
     Parameters
     ----------
     accuracy : level of ``config/accuracy.yaml``; a value given as ``{draft: ..., standard: ..., fine: ...}`` follows
-        it.
+        it. At a level that is not named the value is that of the next coarser one that is, at one that is coarser than
+        all of them that of the coarsest.
 
     Raises
     ------
@@ -189,7 +180,7 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
     if name not in study_names(folder):
         raise UserError(f'{folder}: no study is called "{name}"{nearest(name, study_names(folder))}; there are '
                         f"{', '.join(study_names(folder))}")
-    path, levels = folder / f"{name}.yaml", list(read_yaml(ACCURACY))
+    path, levels = folder / f"{name}.yaml", spacings()
     if accuracy not in levels:
         raise UserError(f'--accuracy is "{accuracy}", but must be one of {", ".join(levels)}'
                         f"{nearest(accuracy, levels)}")
@@ -208,6 +199,9 @@ def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> St
     report = data.get("report", REPORTS[0])
     if report not in REPORTS:
         errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(REPORTS)}")
+    for family in {case.family.name: case.family for case in cases.values()}.values() if report == "tradeoff" else ():
+        if not family.headline:
+            errors.add(("cases", family.name), "has no headline, whose error the report tradeoff shows")
     errors.raise_any()
     return Study(name, words.title or name, words.description, accuracy, cases, report)
 
@@ -220,32 +214,44 @@ class _Words:
 
 @dataclasses.dataclass(frozen=True)
 class _Level:
+    """The level of a study, and the particle spacings of all that there are, m."""
+
     accuracy: str
-    known: list[str]
+    spacings: dict[str, float]
 
     def choose(self, value: Any) -> Any:
         """The value for this level, where it is given level by level."""
-        return value[self.accuracy] if isinstance(value, dict) and set(value) == set(self.known) else value
+        named = self.named(value)
+        not_finer = [name for name in named if self.spacings[name] >= self.spacings[self.accuracy]]
+        return value if not named else value[not_finer[0] if not_finer else named[-1]]
+
+    def named(self, value: Any) -> list[str]:
+        """The levels that a value is given for, fine to coarse, of several alike that of the study first."""
+        named = value.keys() & self.spacings.keys() if isinstance(value, dict) else ()
+        return sorted(named, key=lambda name: (self.spacings[name], name != self.accuracy, name))
 
 
 def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> dict[str, Case]:
     """Cases of one family; a list of mappings is laid out one after the other."""
-    family = importlib.import_module(f"pipeline.studies.{name}")
+    family = family_of(name)
     key, blocks = ("cases", name), declared if isinstance(declared, list) else [declared]
     if any(not isinstance(block, dict) for block in blocks):
         errors.add(key, f"is {describe(declared)}, but must be a mapping (`name: value` lines), or a list of mappings")
         return {}
+    reader = Reader(errors)
+    for field, value in itertools.chain.from_iterable(block.items() for block in blocks):
+        if level.named(value):
+            reader.refuse_unknown(value, level.spacings, (*key, field))
     chosen = [{field: level.choose(value) for field, value in block.items()} for block in blocks]
-    count = sum(math.prod(map(len, _choices(family.Parameters, block))) for block in chosen)
+    count = sum(math.prod(map(len, _choices(family.parameters, block))) for block in chosen)
     if count > MOST_CASES:
         errors.add(key, f"has {count} combinations, but must have at most {MOST_CASES}")
         return {}
-    reader = Reader(errors)
-    read = [reader.record(family.Parameters, values, key) for block in chosen
-            for values in _combinations(family.Parameters, block)]
-    if not all(isinstance(one, family.Parameters) for one in read):
+    read = [reader.record(family.parameters, values, key) for block in chosen
+            for values in _combinations(family.parameters, block)]
+    if not all(isinstance(one, family.parameters) for one in read):
         return {}
-    telling = _telling_fields(family.Parameters, read)
+    telling = _telling_fields(family, read)
     cases = {}
     for one in read:
         values = [value for field in telling if (value := getattr(one, field)) is not None]
@@ -256,20 +262,20 @@ def _family_cases(name: str, declared: Any, level: _Level, errors: Errors) -> di
         if case in cases:
             errors.add(key, f"declares the case {case} twice")
         accuracy = getattr(one, "accuracy", level.accuracy)
-        if accuracy not in level.known:
-            errors.add((*key, "accuracy"), f"is {describe(accuracy)}, but must be one of {', '.join(level.known)}")
+        if accuracy not in level.spacings:
+            errors.add((*key, "accuracy"), f"is {describe(accuracy)}, but must be one of {', '.join(level.spacings)}")
         cases[case] = Case(case, family, one, accuracy)
     return cases
 
 
-def _telling_fields(parameters: type, cases: list) -> list[str]:
+def _telling_fields(family: Family, cases: list) -> list[str]:
     """Fields that tell cases of one family from each other, as few as needed: scheme, its own ones, inherited ones.
 
-    Those in `UNNAMED` of the family's parameters never do: how long a case runs is not what it is.
+    Those in `unnamed` of the family never do: how long a case runs is not what it is.
     """
-    own, unnamed = ("scheme", *vars(parameters)["__annotations__"]), getattr(parameters, "UNNAMED", ())
+    own = ("scheme", *vars(family.parameters)["__annotations__"])
     telling, known = [], 1
-    named = [field for field in dataclasses.fields(parameters) if field.name not in unnamed]
+    named = [field for field in dataclasses.fields(family.parameters) if field.name not in family.unnamed]
     for field in sorted(named, key=lambda one: one.name not in own):
         groups = {tuple(getattr(one, name) for name in (*telling, field.name)) for one in cases}
         if len(groups) > known and not _is_list(field.type):

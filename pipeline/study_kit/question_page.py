@@ -10,7 +10,6 @@ import dataclasses
 import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from types import ModuleType
 
 from pipeline.base import page
 from pipeline.base.canvas import empty_figure
@@ -147,8 +146,36 @@ def drawn(size: tuple[float, float], draw: Callable, *grid: int, **options) -> b
     return buffer.getvalue()
 
 
-def page_module(report: str) -> ModuleType:
-    """Return the module that writes the page of a report."""
+@dataclasses.dataclass(frozen=True)
+class StudyPage:
+    """What writes the page of a study: `pipeline.study_kit.<report>_page` ends in ``PAGE = StudyPage(__name__, ...)``.
+
+    Attributes
+    ----------
+    module : name of its module.
+    pictures, tables : names of the PNG and CSV files that it writes.
+    write : called with the description of the study, its outcomes and the folder; returns the parts of the page.
+    in_short : returns what rows of several cases say together.
+    """
+
+    module: str
+    pictures: tuple[str, ...]
+    tables: tuple[str, ...]
+    write: Callable[[str, Sequence[Outcome], Path], list[str]]
+    in_short: Callable[[Sequence[Outcome]], list[Outcome]] = lambda outcomes: []
+
+
+def page_of(report: str) -> StudyPage:
+    """Return what writes the page of a report.
+
+    Raises
+    ------
+    UserError : its file does not say.
+    """
     import importlib
 
-    return importlib.import_module(f"pipeline.study_kit.{report}_page")
+    module = importlib.import_module(f"pipeline.study_kit.{report}_page")
+    page = getattr(module, "PAGE", None)
+    if not isinstance(page, StudyPage):
+        raise UserError(f"{module.__file__}: has no PAGE, which must be a StudyPage")
+    return page

@@ -71,7 +71,7 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
 
         with_result = dataclasses.replace(study, cases={one.case: study.case(one.case) for one in found})
         found = write_tradeoff(with_result, found, target) + [unasked(outcome) for outcome in found]
-    in_short = study.page.in_short(found) if hasattr(study.page, "in_short") and complete else []
+    in_short = study.page.in_short(found) if study.page and complete else []
     outcomes = [*in_short, *found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
     _write_csv(target / "table.csv", rows)
@@ -79,13 +79,13 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
     made = [outcome.pictures for outcome in outcomes]
-    made += [family.pictures(found) for family in study.families() if found and hasattr(family, "pictures")]
+    made += [family.draw(found) for family in study.families() if found and family.draw]
     for pictures in made:
         for name in sorted(pictures.keys() & set(study.pictures())):
             content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
                 partial.write_bytes(content)
-    parts = study.page.write_page(study.description, found, target) if study.page and complete else []
+    parts = study.page.write(study.description, found, target) if study.page and complete else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
 

@@ -11,7 +11,15 @@ from pipeline.base import page, palette
 from pipeline.planning.settings import postures
 from pipeline.study_kit.model import Outcome
 from pipeline.study_kit.moved_oil_page import oil_words
-from pipeline.study_kit.question_page import QuestionPage, drawn, link_to, table_rows, write_csv, write_picture
+from pipeline.study_kit.question_page import (
+    QuestionPage,
+    StudyPage,
+    drawn,
+    link_to,
+    table_rows,
+    write_csv,
+    write_picture,
+)
 from pipeline.study_kit.surgeons_words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
 
 PICTURES, TABLES = ("droplets",), ("shed", "gathered", "tracers", "sections")
@@ -209,3 +217,6 @@ def _points(rows: Rows, posture: str, x: str, y: str, what: str = "") -> np.ndar
     """Points (k, 2) of one posture."""
     return np.array([[float(row[x]), float(row[y])] for row in rows
                      if row["posture"] == posture and (not what or row["what"] == what)])
+
+
+PAGE = StudyPage(__name__, PICTURES, TABLES, write_page)

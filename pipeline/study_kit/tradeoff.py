@@ -2,8 +2,8 @@
 
 The first case of a family is its base, a sweep of the particle spacing, which further starts (``seed``) repeat; every
 other case differs from it in one thing (tolerance, time step, scheme, precision, support radius) at one of its
-resolutions. The error is that of the family's ``HEADLINE``, and of several starts the mean. A family without a
-reference (``SELF_CONVERGENCE``) gives a curve instead, which is compared with that of the base at its finest
+resolutions. The error is that of the family's headline, and of several starts the mean. A family without a
+reference (``self_convergence``) gives a curve instead, which is compared with that of the base at its finest
 resolution. Times are those of the steps, without compilation, of all cores: on a computer that does other things as
 well, the clock says little.
 """
@@ -20,6 +20,7 @@ from pipeline.base.canvas import empty_figure
 from pipeline.base.files import replacing
 from pipeline.forecast.expected_error import ALIKE, LEAST_ORDER, error_at, in_words
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
+from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Outcome, Row, observed_order
 from pipeline.study_kit.plan import Case, Study, spacings
 from pipeline.study_kit.tank import COMPUTING_TIME, WALL_TIME
@@ -76,13 +77,13 @@ def on_front(times: Sequence[float], errors: Sequence[float]) -> list[bool]:
 def points_of(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> list[Point]:
     """Return the points of one family, those of its base first."""
     family, found = cases[0].family, []
-    reference = _reference(cases[0], outcomes[0]) if getattr(family, "SELF_CONVERGENCE", False) else None
+    reference = _reference(cases[0], outcomes[0]) if family.headline.self_convergence else None
     for case, outcome in zip(cases, outcomes, strict=True):
         change = change_of(case, cases[0])
         for resolution in case.parameters.resolutions:
             rows = {row.quantity: row for row in outcome.rows if row.at.rpartition("=")[2] == str(resolution)}
             if reference is None:
-                error, unit = _error(rows.get(family.HEADLINE))
+                error, unit = _error(rows.get(family.headline.quantity))
             else:
                 error, unit = _difference(outcome, resolution, reference), "1"
             number = {name: rows[name].value if name in rows else math.nan
@@ -193,15 +194,14 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
     """Write a figure and a CSV of every family and ``orders.csv``; return what is to be said about them."""
     orders, found = [], []
     target.mkdir(parents=True, exist_ok=True)
-    for family in dict.fromkeys(case.family for case in study.cases.values()):
+    for family in study.families():
         cases = [case for case in study.cases.values() if case.family is family]
         points = points_of(cases, [next(one for one in outcomes if one.case == case.name) for case in cases])
-        name = family.__name__.rpartition(".")[2]
-        _write_csv(target / f"{name}.csv", [field.name for field in dataclasses.fields(Point)],
+        _write_csv(target / f"{family.name}.csv", [field.name for field in dataclasses.fields(Point)],
                    [dataclasses.asdict(point) for point in points])
-        _draw(target / f"{name}_tradeoff.png", name, family, points)
-        orders += orders_of(name, family, points)
-        found.append(in_short(name, family, points))
+        _draw(target / f"{family.name}_tradeoff.png", family, points)
+        orders += orders_of(family, points)
+        found.append(in_short(family, points))
     _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
     return found
 
@@ -232,7 +232,7 @@ def _by_difference(points: Sequence[Point], base: Sequence[Point]) -> bool:
     return base[-1].resolution < max(point.resolution for point in points if point.change == SPACING)
 
 
-def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
+def orders_of(family: Family, points: Sequence[Point]) -> list[dict]:
     """Return the rows of a family for orders.csv, one for every size; empty where nothing is known of its error.
 
     A difference from the finest run of the sweep says nothing of the error which that run has itself: the error is that
@@ -248,8 +248,8 @@ def orders_of(name: str, family, points: Sequence[Point]) -> list[dict]:
     quoted, rows = order_to_quote(points), []
     for point in base:
         errors = [factor * point.resolution**-order] * 3 if by_difference else [point.error, point.least, point.most]
-        rows.append({"case": name, "quantity": family.HEADLINE, "unit": point.unit,
-                     "effects": " ".join(getattr(family, "SHOWN_BY", family.EFFECTS)), "per_width": family.PER_WIDTH,
+        rows.append({"case": family.name, "quantity": family.headline.quantity, "unit": point.unit,
+                     "effects": " ".join(family.shown_by), "per_width": family.headline.per_width,
                      "resolution": point.resolution, **dict(zip(("error", "least", "most"), errors, strict=True)),
                      "starts": point.starts, "order": quoted})
     return rows
@@ -261,26 +261,26 @@ def _last_order(base: Sequence[Point]) -> float:
     return observed_order([1.0 / point.resolution for point in last], [point.error for point in last])
 
 
-def in_short(name: str, family, points: Sequence[Point]) -> Outcome:
+def in_short(family: Family, points: Sequence[Point]) -> Outcome:
     """What the levels give, and what every change gains or loses at the same resolution, as rows and as sentences: its
     error over that of the base from the same start, its time over the mean of all starts. Of a family without a
     reference also how far each size is from the finest.
     """
     order = order_of(points)
-    outcome = Outcome([Row("observed order of the error", order)], case=f"{name} in short")
+    outcome = Outcome([Row("observed order of the error", order)], case=f"{family.name} in short")
     base, said = {point.resolution: point for point in points if point.change == SPACING}, []
-    bought = _bought(name, family, points)
+    bought = _bought(family, points)
     if bought:
         outcome.rows += [Row(f"{which} error at {level}", error, unit, at=f"n={size:.3g}")
                          for level, size, errors, unit, _ in bought
                          for which, error in zip(("mean", "least", "largest"), errors, strict=True)]
-        outcome.remarks.append(f"{name}: {family.HEADLINE}, error to expect: "
+        outcome.remarks.append(f"{family.name}: {family.headline.quantity}, error to expect: "
                                + "; ".join(words for *_, words in bought) + ".")
-    for point in base.values() if getattr(family, "SELF_CONVERGENCE", False) else ():
+    for point in base.values() if family.headline.self_convergence else ():
         at = f"n={point.resolution}"
         outcome.rows += [Row("particles", point.particles, at=at), Row(COMPUTING_TIME, point.cpu, "s", at=at)]
         if math.isfinite(point.error):
-            outcome.rows.append(Row(family.HEADLINE, point.error, at=at))
+            outcome.rows.append(Row(family.headline.quantity, point.error, at=at))
     for point in points:
         beside = base.get(point.resolution)
         if point.change == SPACING or beside is None or beside.first == 0.0:
@@ -291,16 +291,16 @@ def in_short(name: str, family, points: Sequence[Point]) -> Outcome:
                          Row(f"{point.change}: computing time over that of the base", dear, at=at, wall_s=point.wall)]
         said.append(f"{point.change} {exact:.2f} and {dear:.2f}")
     if said:
-        outcome.remarks.append(f"{name}: {_said(order)}; error and computing time over those of the base: "
+        outcome.remarks.append(f"{family.name}: {_said(order)}; error and computing time over those of the base: "
                                f"{'; '.join(said)}.")
     return outcome
 
 
-def _bought(name: str, family, points: Sequence[Point]) -> list[tuple[str, float, list[float], str, str]]:
+def _bought(family: Family, points: Sequence[Point]) -> list[tuple[str, float, list[float], str, str]]:
     """For every accuracy level its name, spacings along the case, the errors to expect, their unit, all in words."""
-    rows, found = orders_of(name, family, points), []
+    rows, found = orders_of(family, points), []
     for level, spacing in (spacings() if rows else {}).items():
-        size = family.PER_WIDTH * WIDTH / spacing
+        size = family.headline.per_width * WIDTH / spacing
         known = [[row[column] for column in ("resolution", "error", "least", "most")] for row in rows]
         errors, how = error_at(size, known, rows[0]["order"])
         unit = rows[0]["unit"]
@@ -314,7 +314,7 @@ def _said(order: float) -> str:
     return f"order {order:.1f}" if math.isfinite(order) else "no order found"
 
 
-def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
+def _draw(path: Path, family: Family, points: Sequence[Point]) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     canvas = empty_figure((9.5, 5.2))
@@ -336,7 +336,7 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
     if front:
         axes.plot(*zip(*front, strict=True), color="#c8a200", lw=5, alpha=0.35, zorder=0, label="Pareto front")
     # A difference from the finest run is no error: beside it, the error that a level has would mislead.
-    levels = {} if getattr(family, "SELF_CONVERGENCE", False) else levels_of(points, family.PER_WIDTH, spacings())
+    levels = {} if family.headline.self_convergence else levels_of(points, family.headline.per_width, spacings())
     for level, (resolution, time, error) in levels.items():
         if math.isfinite(error) and math.isfinite(time):
             axes.plot(time, error, "*", ms=15, mfc="#c8a200", mec="black", zorder=6)
@@ -351,14 +351,15 @@ def _draw(path: Path, name: str, family, points: Sequence[Point]) -> None:
             axes.annotate(f"{point.resolution}", (point.cpu, point.error), (5, 5), textcoords="offset points",
                           fontsize=8)
     unit = f" / {shown[0].unit}" if shown and shown[0].unit != "1" else ""
-    axes.set(xlabel="computing time without compilation, all cores / s", ylabel=f"error: {family.HEADLINE}{unit}")
+    axes.set(xlabel="computing time without compilation, all cores / s",
+             ylabel=f"error: {family.headline.quantity}{unit}")
     if shown:
         axes.set(xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
-    axes.set_title(f"{name.replace('_', ' ')}: what accuracy costs (spacings along the case; stars: levels)",
+    axes.set_title(f"{family.name.replace('_', ' ')}: what accuracy costs (spacings along the case; stars: levels)",
                    loc="left", fontsize=11)
     axes.grid(alpha=0.3, which="both")
     canvas.legend(loc="outside right upper", frameon=False, fontsize=8)

@@ -11,9 +11,9 @@ from typing import Any, NoReturn
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
+from pipeline.runs.segments import segments_made, segments_until_rest
 from pipeline.scenes.devices import checked_device, chosen_device
 from pipeline.scenes.effects import knows_films
-from pipeline.scenes.ending import segments_made, segments_until_rest
 from pipeline.scenes.folders import LISTED, scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene

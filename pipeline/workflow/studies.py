@@ -57,8 +57,8 @@ class Studies:
         files = asked.files()
         for scene, folder in asked.folders().items():
             files += [f"{folder}/scene.json", f"{folder}/initial.npz", f"{folder}/metrics.csv"]
-            files += [f"{folder}/{stage}" for stage in asked.reads if "." in stage]
-            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.reads if "." not in stage
+            files += [f"{folder}/{stage}" for stage in asked.family.reads if "." in stage]
+            files += [f"{folder}/{stage}/segment_{segment}" for stage in asked.family.reads if "." not in stage
                       for segment in self._flow.segments(scene, asked.accuracy)]
         return files
 
@@ -73,7 +73,7 @@ class Studies:
             return 1
         cores = cores if self._flow.elsewhere else min(cores, available_cores())
         share = min(cores // self.study(name, level).solving, USEFUL_THREADS)
-        return min(max(getattr(asked.family, "THREADS", 1), share), cores)
+        return min(max(asked.family.threads, share), cores)
 
     @staticmethod
     def memory(wildcards, attempt: int) -> int:
@@ -88,7 +88,7 @@ class Studies:
         """Return a parameter that changes when table or figures of a study may change."""
         study = self.study(name, level)
         self._asked[name, level] = None
-        page = code_used(study.page.__name__) if study.page else ""
+        page = code_used(study.page.module) if study.page else ""
         return (f"{shortened(stage_digest('study_report'), page)} {study.accuracy} {study.title} {study.description} "
                 f"{study.figures()}")
 

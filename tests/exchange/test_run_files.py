@@ -29,22 +29,24 @@ TEAR = Break("tear", hour=4.0, latitude=np.radians(70.0), width=2.0)
 
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory, taichi, request):
-    """Return the folder of a run with two segments: water alone, then oil above a plane."""
+    """Return the folder of a run with two segments: water alone, then in the last frame oil above a plane."""
     folder = tmp_path_factory.mktemp("run")
     scene = load_scene(request.config.rootpath / "config" / "scenes" / "tiny.yaml", accuracy="draft")
     scene = dataclasses.replace(scene, breaks=(TEAR,), regions=(Region("behind", latitudes=(0.0, 0.5)),),
-                                numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING))
+                                numerics=dataclasses.replace(scene.numerics, particle_spacing=SPACING),
+                                output=dataclasses.replace(scene.output, duration=0.1, frames_per_segment=1))
     (folder / "scene.json").write_text(scene.to_json())
     sphere = pyvista.Icosphere(radius=RADIUS, nsub=4)
     write_mesh(trimesh.Trimesh(sphere.points, sphere.regular_faces, process=False), folder / "eye.vtp", scene.eye)
     position, reconstructor = lattice(), Reconstructor(ball(), 2)
     wall = Wall(scene, ball(), read_surface(folder / "eye.vtp"))
-    for index, fraction in enumerate((np.zeros(len(position)), oil_fraction(position, height=HEIGHT))):
-        path = frame_path(folder / "frames" / f"segment_{index:03d}", index)
-        frame = frame_of(position, fraction, time=0.1 * index)
+    water, oil = np.zeros(len(position)), oil_fraction(position, height=HEIGHT)
+    for index, (segment, fraction) in enumerate(((0, water), (0, water), (1, oil))):
+        path = frame_path(folder / "frames" / f"segment_{segment:03d}", index)
+        frame = frame_of(position, fraction, time=0.05 * index)
         write_frame(path, frame)
         surfaces = folder / "surfaces" / path.parent.name
-        surfaces.mkdir(parents=True)
+        surfaces.mkdir(parents=True, exist_ok=True)
         write_surfaces(surfaces, path, frame, reconstructor, wall=wall)
     return folder
 
@@ -68,7 +70,7 @@ def parts_at(folder, time):
 
 
 def test_run_plays_with_named_parts_at_every_time(indexed):
-    assert pyvista.PVDReader(indexed / "run.pvd").time_values == [0.0, 0.1]
+    assert pyvista.PVDReader(indexed / "run.pvd").time_values == [0.0, 0.05, 0.1]
     for time in (0.0, 0.1):
         parts = parts_at(indexed, time)
         assert set(parts.keys()) == {"particles", "aqueous", OIL, "interface", "wall", "section", "coronal",
@@ -112,7 +114,7 @@ def test_fractions_carry_the_names_of_their_liquids(indexed):
 
 
 def test_frame_without_surfaces_is_named(run_folder, tmp_path):
-    with pytest.raises(UserError, match=r"frame_00001.vtu: has no surfaces; run the reconstruct stage"):
+    with pytest.raises(UserError, match=r"frame_00002.vtu: has no surfaces; run the reconstruct stage"):
         index_run.main([str(run_folder / "scene.json"), str(run_folder / "eye.vtp"), "--frames",
                         *folders(run_folder, "frames"), "--surfaces", str(run_folder / "surfaces" / "segment_000"),
                         "--output", str(tmp_path / "run.pvd")])
@@ -146,11 +148,11 @@ def test_script_for_paraview_is_beside_the_run(indexed, tmp_path):
 def test_frame_is_exported(run_folder, tmp_path, unit, factor, capsys):
     export.main([str(run_folder), "--format", "glb", "--format", "ply", "--format", "stl", "--unit", unit,
                  "--output", str(tmp_path)])
-    expected = read_surface(run_folder / "surfaces" / "segment_001" / f"frame_00001_{OIL}.vtp").volume
+    expected = read_surface(run_folder / "surfaces" / "segment_001" / f"frame_00002_{OIL}.vtp").volume
     for suffix in ("ply", "stl"):
-        mesh = trimesh.load(tmp_path / f"frame_00001_{OIL}.{suffix}")
+        mesh = trimesh.load(tmp_path / f"frame_00002_{OIL}.{suffix}")
         assert mesh.volume == pytest.approx(factor * expected, rel=1e-4) and mesh.is_watertight
-    whole = trimesh.load(tmp_path / "frame_00001.glb")
+    whole = trimesh.load(tmp_path / "frame_00002.glb")
     assert set(whole.graph.nodes_geometry) == {"aqueous", OIL, "wall"}
     assert whole.geometry[OIL].volume == pytest.approx(expected, rel=1e-4)
     assert whole.geometry["wall"].visual.material.alphaMode == "BLEND"
@@ -164,5 +166,5 @@ def test_frame_without_oil_is_exported_with_an_empty_file(run_folder, tmp_path):
 
 
 def test_frame_that_is_not_there_is_refused(run_folder, tmp_path):
-    with pytest.raises(UserError, match="--frame is 7, but must be one of 0 to 1"):
+    with pytest.raises(UserError, match="--frame is 7, but must be one of 0 to 2"):
         export.main([str(run_folder), "--frame", "7", "--output", str(tmp_path)])

@@ -18,6 +18,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.cavity.surface import write_mesh
 from pipeline.exchange.mesh_formats import colors_of, linear
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.load import load_scene, scene_of_run
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.surface_files import read_surface, surface_path, write_surface
@@ -196,7 +197,7 @@ def test_package_has_no_lights(exported):
 def test_what_is_saved_on_the_way_is_kept(tmp_path):
     count = FRAMES_PER_SAVE + 2
     write_run(tmp_path, (5e-3, 0.0) * (count // 2), ((0.0, -9.81, 0.0),) * count)
-    frames = export.frames_of(tmp_path)
+    frames = export.ready_frames(RunFolder(tmp_path))
     write_film(tmp_path / "film.usdc", frames, scene_of_run(tmp_path), tmp_path / "eye.vtp")
     stage = Usd.Stage.Open(str(tmp_path / "film.usdc"))
     volumes = [volume_at(mesh_of(stage, OIL), code_of(number)) for number in range(count)]

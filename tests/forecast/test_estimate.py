@@ -374,12 +374,12 @@ def shipped_errors():
 
 def test_errors_that_the_project_comes_with_are_those_of_its_study():
     rows, study = shipped_errors(), load_study("accuracy", "draft")
-    families = {case.family.__name__.rpartition(".")[2]: case.family for case in study.cases.values()}
+    families = {case.family.name: case.family for case in study.cases.values()}
     assert {row["case"] for row in rows} == families.keys() - {"eye_rest"}  # whose runs do not converge yet
     for row in rows:
         family = families[row["case"]]
-        assert row["quantity"] == family.HEADLINE and float(row["per_width"]) == family.PER_WIDTH
-        assert row["effects"] == " ".join(getattr(family, "SHOWN_BY", family.EFFECTS))
+        assert row["quantity"] == family.headline.quantity and float(row["per_width"]) == family.headline.per_width
+        assert row["effects"] == " ".join(family.shown_by)
         assert float(row["least"]) <= float(row["error"]) <= float(row["most"])
 
 
@@ -396,8 +396,8 @@ def test_errors_at_the_sizes_of_the_levels_are_measured(level, particles):
 @pytest.mark.parametrize("name", ["diffusion", pytest.param("channel", marks=pytest.mark.slow)])
 def test_errors_that_the_project_comes_with_are_found_again(taichi, name):
     base = [case for case in load_study("accuracy", "draft").cases.values()
-            if case.family.__name__.endswith(f".{name}")][:3]  # three starts
-    found = orders_of(name, base[0].family, points_of(base, [case.run() for case in base]))
+            if case.family.name == name][:3]  # three starts
+    found = orders_of(base[0].family, points_of(base, [case.run() for case in base]))
     shipped = [row for row in shipped_errors() if row["case"] == name]
     for mine, row in zip(found, shipped, strict=True):
         assert mine["resolution"] == int(row["resolution"]) and mine["starts"] == int(row["starts"])

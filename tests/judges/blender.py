@@ -47,10 +47,10 @@ def judged(run: Path, python: str) -> tuple[list[str], list[str]]:
     """Return what Blender shows of a run, line by line, and what of it is not as in the files of the run."""
     from pipeline import export
     from pipeline.exchange.usd_film import identifiers, time_codes_per_second
-    from pipeline.scenes.load import scene_of_run
-    from pipeline.surfaces.surface_files import read_surface, surface_path
+    from pipeline.runs.run_folder import RunFolder
+    from pipeline.surfaces.surface_files import read_surface
 
-    scene, frames = scene_of_run(run), export.frames_of(run)
+    scene, frames = RunFolder(run).scene, RunFolder(run).ready_frames
     rate = time_codes_per_second(scene.output.frame_interval)
     # Blender counts whole frames: the first one that shows a saved time.
     shown = [math.ceil(round(rate * frame.time, 6)) for frame in frames]
@@ -67,7 +67,7 @@ def judged(run: Path, python: str) -> tuple[list[str], list[str]]:
         wrong.append(f"the wall lies between {seen['wall']}, asked {asked}")
     liquids = [liquid.name for liquid in scene.liquids]
     for liquid, name in zip(liquids, identifiers(liquids), strict=True):
-        volumes = [read_surface(surface_path(frame.surfaces, frame.name, liquid)).volume for frame in frames]
+        volumes = [frame.surface(liquid).volume for frame in frames]
         found = seen["volumes"].get(name, [])
         off = [abs(a - b) / max(b, 1e-12) for a, b in zip(found, volumes, strict=True)] if found else [math.inf]
         lines.append(f"{liquid}: {len(set(found))} volumes at {len(frames)} times, at most {max(off):.1e} off")

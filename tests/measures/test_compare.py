@@ -11,6 +11,7 @@ from PIL import Image
 from pipeline import compare
 from pipeline.base.errors import UserError
 from pipeline.base.tables import write_table
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.load import load_scene
 
 FRAMES = 5
@@ -43,7 +44,7 @@ def level(tmp_path):
 
 
 def test_metrics_are_compared_over_time_and_at_the_end(level):
-    runs = [compare.read_run(level("draft")), compare.read_run(level("standard", factor=1.5))]
+    runs = [RunFolder(level("draft")), RunFolder(level("standard", factor=1.5))]
     found = compare.differences(runs, compare.common_frames(runs))
     assert [one.name for one in found] == ["fill", "speed_rms", "particles_outside"]
     fill, speed, outside = found
@@ -54,14 +55,14 @@ def test_metrics_are_compared_over_time_and_at_the_end(level):
 
 
 def test_cost_is_added_up_over_the_segments(level):
-    numbers = compare.cost(compare.read_run(level("draft")))
+    numbers = compare.cost(RunFolder(level("draft")))
     assert numbers == pytest.approx({
         "particle spacing [mm]": 2.0, "liquid particles": 631, "time steps": 150,
         "simulation, time by the clock [s]": 3.0, "simulation, time of all cores [s]": 5.0})
 
 
 def test_the_last_picture_that_both_have_is_shown(level):
-    runs = [compare.read_run(level("draft")), compare.read_run(level("standard", drawn=3))]
+    runs = [RunFolder(level("draft")), RunFolder(level("standard", drawn=3))]
     frame, paths = compare.last_pictures(runs, range(FRAMES))
     assert frame == 2 and [path.parts[-4] for path in paths] == ["draft", "standard"]
 

@@ -23,10 +23,10 @@ from pipeline.measures.metric import Metric
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines, headlines_of
 from pipeline.pages.movie_copy import movie_within
-from pipeline.pages.run_folder import read_run
 from pipeline.pages.turning_view import break_bands, turning_view
 from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.reconstruct import Wall, write_surfaces
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Break
@@ -94,7 +94,7 @@ def index(run_folder):
                             "measured on tamponade"),
               ExpectedError("laplace: pressure jump", 0.004, "1", "0.4 %", "a table"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.pages.run_folder.errors_of", lambda scene, volume: errors)
+        patch.setattr("pipeline.page.errors_of", lambda scene, volume: errors)
         page.main([str(run_folder), "--source", str(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")])
     return run_folder / "index.html"
 
@@ -198,10 +198,11 @@ def test_break_is_a_band_along_its_edge_on_the_wall(patch, edge):
 
 
 def test_view_that_turns_has_breaks_only_where_there_are_any(run_folder, index):
-    run = read_run(run_folder)
+    run = RunFolder(run_folder)
     legends = [[words for _, words in mesh["legend"]] for mesh in turning_view(run)["meshes"]]
     assert legends[-1] == ["break of the retina"]
-    whole = dataclasses.replace(run, scene=dataclasses.replace(run.scene, breaks=()))
+    whole = RunFolder(run_folder)
+    vars(whole)["scene"] = dataclasses.replace(run.scene, breaks=())
     assert [[words for _, words in mesh["legend"]] for mesh in turning_view(whole)["meshes"]] == legends[:-1]
 
 

@@ -12,6 +12,7 @@ from pipeline.pictures.container_view import ContainerView, cone
 from pipeline.pictures.picture_grid import sheet
 from pipeline.scenes.model import Funnel
 from pipeline.surfaces.contour_lines import ContourLines
+from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.surfaces.surface_files import to_polydata, write_surface
 
 WIDTH = 400
@@ -102,8 +103,8 @@ def test_pictures_of_a_run_are_on_one_sheet(scene, tmp_path, monkeypatch):
                       depth=np.zeros(len(mesh.points)))
     frame = frame_with(lambda x: np.ones(len(x)))
     frame.liquids, frame.time = ("oil", "water"), 0.25
-    monkeypatch.setattr("pipeline.pictures.container_sheet.read_frame", lambda _: frame)
-    row = moments(scene, [path, path], WIDTH, lambda number, frame: f"{number}: {frame.time:g} s")
+    monkeypatch.setattr("pipeline.surfaces.saved_frame.read_frame", lambda _: frame)
+    row = moments(scene, [SavedFrame(path, folder)] * 2, WIDTH, lambda number, frame: f"{number}: {frame.time:g} s")
     assert [caption for _, caption in row] == ["0: 0.25 s", "1: 0.25 s"]
     single, double = (Image.open(io.BytesIO(sheet([("One", row), ("Two", row)], across))) for across in (1, 2))
     assert double.width == 2 * single.width and 2 * double.height == single.height and single.width >= WIDTH

@@ -11,6 +11,7 @@ import pytest
 from pipeline.base.errors import UserError
 from pipeline.result_pages import main
 from pipeline.results.tables import read_layout, read_rows, write_rows
+from pipeline.scenes.load import load_scene
 from pipeline.study_kit import moved_oil_page, shed_droplets_page
 from pipeline.study_kit.model import COLUMNS as STUDY_COLUMNS
 
@@ -144,6 +145,8 @@ def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(p
 def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     folder = project / "outputs" / "tamponade" / "standard"
     (folder / "logs").mkdir(parents=True)
+    scene = load_scene(ROOT / "config" / "scenes" / "clinic" / "tamponade.yaml", "standard")
+    (folder / "scene.json").write_text(scene.to_json())
     head = "frame,fill [%],particles_outside [1],speed_rms [mm/s],retina_coverage_inferior [%]"
     (folder / "metrics.csv").write_text(head + "".join(f",retina_coverage_{part} [%]" for part in (
         "whole", "superior", "macula")) + "\n0,0,0,0,0,0,0,0\n1,84.9,3,0.5,35.5,50,70,100\n")

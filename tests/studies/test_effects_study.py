@@ -7,7 +7,7 @@ from conftest import ROOT
 from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline.scenes.load import load_scene
-from pipeline.studies.effects_off import OFF, Run, compared, elsewhere, judgment
+from pipeline.studies.effects_off import OFF, Result, compared, elsewhere, judgment
 from pipeline.study_kit.plan import load_study
 
 OIL = 1
@@ -64,7 +64,7 @@ def test_cost_and_change_of_an_effect():
                  "solver": {"cpu_seconds": str(seconds - 1.0), "launches_per_step": "5"}}
         frame = frame_of(position, oil_fraction(position, height=height))
         numbers = {"fill": (50.0 + seconds, "%")}
-        return Run(dataclasses.replace(scene, name=name), volume, frame, None, {}, costs, numbers)
+        return Result(dataclasses.replace(scene, name=name), volume, frame, None, {}, costs, numbers)
 
     rows, remark, caption = compared(made(scene.name, 10.0, 0.0), made(f"{scene.name}{OFF}drift", 8.0, 0.0), "drift",
                                      "silicone_oil_1000")

@@ -20,6 +20,7 @@ from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
 from pipeline.forecast.retina_error import COLUMNS, SHIPPED, retina_errors
 from pipeline.measures.frame_view import Measured
+from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.load import load_scene
 from pipeline.studies import eye_accuracy
 from pipeline.studies.eye_accuracy import Parameters, changed, compared, deepest_aqueous, read, solved
@@ -80,7 +81,7 @@ def test_the_run_of_a_scene_is_read_from_its_folder(course, tmp_path):
     (tmp_path / "costs").mkdir()
     clocks = [{"frame": index, "wall_seconds": seconds} for index, seconds in enumerate((9.0, 60.0, 30.0))]
     (tmp_path / "costs" / "segment_000.json").write_text(json.dumps({"frames": clocks}))
-    found = read(tmp_path)
+    found = read(RunFolder(tmp_path))
     for name, values in course.table.items():
         np.testing.assert_allclose(found.table[name], values, rtol=1e-6)
     wall = cavity_mesh(course.scene.eye)[0]

@@ -1,10 +1,11 @@
 """Studies: their plans, what a case returns, the table, and that a rerun repeats only what changed."""
+import ast
 import csv
 import dataclasses
+import functools
 import importlib
 import math
 import sys
-import types
 from collections import Counter
 from pathlib import Path
 
@@ -13,15 +14,19 @@ from conftest import ROOT
 from snakemake_output import TRACE, planned
 
 from pipeline import study_report
+from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_accuracy_levels
+from pipeline.studies.taylor_green import Parameters
 from pipeline.study import run_case
 from pipeline.study_kit import plan
+from pipeline.study_kit.family import Family, Headline, family_names, family_of
 from pipeline.study_kit.model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.study_kit.plan import load_study, study_names
 from pipeline.study_kit.report import outcomes_so_far, summary
 from pipeline.workflow.scenes import Workflow
 from pipeline.workflow.studies import Studies
+from sim.effects import REGISTRY
 
 SMALL = """
 title: Small
@@ -103,12 +108,17 @@ def test_summary_of_many_rows_is_short():
 
 # Cases without a result
 
+def family_that_runs(run):
+    """A family as small as one can be."""
+    return Family("pipeline.studies.small", Parameters, run)
+
+
 def test_case_that_cannot_be_run_has_a_failure_as_its_outcome(taichi, write):
     def run(parameters):
         raise UserError("a drop of 3 mm does not fit into a box of 2 mm")
 
     write(SMALL)
-    case = dataclasses.replace(load_study("small").case("taylor_green-5"), family=types.SimpleNamespace(run=run))
+    case = dataclasses.replace(load_study("small").case("taylor_green-5"), family=family_that_runs(run))
     outcome = run_case(case)
     assert outcome.failure == "a drop of 3 mm does not fit into a box of 2 mm"
     assert [row.cells(outcome.case)["holds"] for row in outcome.rows] == ["false"]
@@ -116,7 +126,7 @@ def test_case_that_cannot_be_run_has_a_failure_as_its_outcome(taichi, write):
 
 def test_defect_of_the_program_is_no_outcome(taichi, write):
     write(SMALL)
-    family = types.SimpleNamespace(run=lambda parameters: {}["missing"])
+    family = family_that_runs(lambda parameters: {}["missing"])
     with pytest.raises(KeyError):
         run_case(dataclasses.replace(load_study("small").case("taylor_green-5"), family=family))
 
@@ -146,6 +156,40 @@ def test_table_so_far_says_of_every_case_why_it_has_no_result(write, monkeypatch
     assert not (folder / "table.csv").exists()
 
 
+# What a family has to say of itself
+
+@dataclasses.dataclass
+class Loose:
+    """Parameters that can be changed."""
+
+
+@pytest.mark.parametrize(("parameters", "changes", "sentence"), [
+    (Loose, {}, "parameters must be a frozen dataclass"),
+    (dict, {}, "parameters must be a frozen dataclass"),
+    (Parameters, {"run": None}, "run must be a function"),
+    (Parameters, {"run": lambda: None}, "run must take 1 arguments: the parameters"),
+    (Parameters, {"solves": lambda case: "tiny"}, "run must take 2 arguments: the parameters, a scene"),
+    (Parameters, {"scenes": lambda case: ()}, "run must take 2 arguments: the parameters, runs of scenes"),
+    (Parameters, {"effects": ("gravty",)}, "there is no effect gravty (did you mean gravity?)"),
+    (Parameters, {"unnamed": ("tims",)}, "unnamed has tims, but the parameters are"),
+    (Parameters, {"headline": Headline("error", 1.0)}, "needs a positive per_width, and effects by which it is shown"),
+    (Parameters, {"pictures": ("one", "one")}, "figures and pictures must have names of their own"),
+    (Parameters, {"draw": lambda outcomes: {}}, "draws pictures, but names none"),
+    (Parameters, {"threads": 0}, "threads is 0, but must be at least 1"),
+])
+def test_family_that_lacks_a_part_is_refused_in_a_sentence(parameters, changes, sentence):
+    with pytest.raises(UserError) as caught:
+        Family("pipeline.studies.small", parameters, **{"run": lambda case: Outcome()} | changes)
+    assert len(caught.value.messages) == 1 and caught.value.messages[0].startswith("pipeline.studies.small: ")
+    assert sentence in str(caught.value)
+
+
+def test_file_without_a_family_is_told(monkeypatch):
+    monkeypatch.setattr("pipeline.studies.taylor_green.FAMILY", None)
+    with pytest.raises(UserError, match=r"taylor_green.py: has no FAMILY, which must be a Family with parameters"):
+        family_of("taylor_green")
+
+
 # Plans
 
 @pytest.mark.usefixtures("nothing_planned")
@@ -169,7 +213,7 @@ def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeyp
     assert len({studies.depends("small", "draft", case) for case in cases}) == 1000
     assert {studies.threads("small", "draft", case, 2) for case in cases} == {1}
     assert not any(studies.inputs("small", "draft", case) for case in cases)
-    assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 2}  # the study, and the names of the levels
+    assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 1}  # the levels are read by their own reader
 
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
@@ -181,11 +225,66 @@ def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
     assert all(case.digest() for case in study.cases.values())
 
 
+@pytest.mark.usefixtures("nothing_planned")
+@pytest.mark.parametrize(("level", "spacing"), [("quick", "2 mm"), ("between", "0.6 mm"), ("finest", "0.2 mm")])
+def test_every_study_can_be_laid_out_at_a_level_that_no_study_knows(project, monkeypatch, level, spacing):
+    monkeypatch.chdir(project.folder)
+    monkeypatch.setattr(plan, "PROJECT_CONFIG", project.folder / "config")
+    with (project.folder / "config" / "accuracy.yaml").open("a") as file:
+        file.write(f"{level}: {{particle_spacing: {spacing}}}\n")
+    studies = Studies(Workflow({"scenes": ["tiny"], "accuracy": level}))
+    for name in study_names():
+        cases = studies.study(name, level).cases
+        assert cases and all(studies.depends(name, level, case) for case in cases)
+
+
+def test_a_level_without_a_value_of_its_own_takes_that_of_the_next_coarser_one(write):
+    write(SMALL.replace("standard: [10, 12], ", ""))
+    given = {level: load_study("small", level).cases["taylor_green-5"].parameters.resolutions
+             for level in ("draft", "standard", "fine")}
+    assert given == {"draft": (8,), "standard": (8,), "fine": (12, 14)}
+    write(SMALL.replace("draft: [8], ", ""))
+    assert load_study("small", "draft").cases["taylor_green-5"].parameters.resolutions == (10, 12)
+
+
+@functools.cache
+def effect_files(module, choices):
+    """Names of the effects whose files count for the outcome of cases."""
+    used = modules_used(module, choices)
+    return {path.stem for path in used if path.parent == ROOT / "sim" / "effects"} & {*REGISTRY}
+
+
+@pytest.mark.parametrize("name", ["ink_drop_study", "oil_shape_study", "coupling_study", "collision_study"])
+def test_what_only_reads_runs_depends_on_no_effect(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    case = next(case for case in load_study(name).cases.values() if case.folders())
+    assert not case.choices() and not effect_files(case.family.module, case.choices())
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_the_effects_that_a_family_names_count_for_its_cases(family, monkeypatch):
+    """Of what is solved, in its file and in that of the hard cases, every name of an effect is one that counts."""
+    monkeypatch.chdir(ROOT)
+    cases = [case for study in study_names() for case in plan.cached_study(study, "draft").cases.values()
+             if case.family.name == family]
+    assert cases
+    if all(case.folders() for case in cases):
+        return
+    read = {path: ast.parse(path.read_text()) for path in modules_used(f"pipeline.studies.{family}")
+            if path.stem in (family, "hard_cases")}
+    names = {node.value for tree in read.values() for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    fields = {field.name for field in dataclasses.fields(cases[0].parameters)}
+    counted = {case.name: effect_files(case.family.module, case.choices()) for case in cases}
+    assert names & {*REGISTRY} - fields <= set().union(*counted.values())
+    for case in cases:
+        assert {name for scene in case.solved() for name in scene.effects} <= counted[case.name]
+
+
 @pytest.mark.parametrize("name", ["cannula_flow", "exchanged_oil", "moved_oil", "shed_droplets"])
 def test_liquids_that_a_case_reads_count_for_its_outcome(name, monkeypatch):
     monkeypatch.chdir(ROOT)
     case = next(case for study in ("injection_study", "oil_study", "emulsion_study")
-                for case in load_study(study).cases.values() if case.family.__name__.endswith(f".{name}"))
+                for case in load_study(study).cases.values() if case.family.name == name)
     before, known = case.digest(), plan.project_materials()
     oil = dataclasses.replace(known[case.family.liquids(case.parameters)[0]], dynamic_viscosity=7.0)
     monkeypatch.setattr(plan, "project_materials", lambda: known | {oil.name: oil})
@@ -193,9 +292,9 @@ def test_liquids_that_a_case_reads_count_for_its_outcome(name, monkeypatch):
 
 
 def test_families_that_read_liquids_say_which():
-    families = [importlib.import_module(f"pipeline.studies.{name}") for name in plan.family_names()]
-    reading = [one for one in families if hasattr(one, "project_materials")]
-    assert reading and all(hasattr(one, "liquids") for one in reading)
+    reading = [family for family in map(family_of, family_names())
+               if hasattr(importlib.import_module(family.module), "project_materials")]
+    assert reading and all(family.liquids is importlib.import_module(family.module).liquids for family in reading)
 
 
 def test_case_reads_its_scenes_at_the_level_of_the_study(monkeypatch):
@@ -239,7 +338,9 @@ def test_how_long_a_case_runs_is_not_in_its_name(write):
     ("cases: {taylor_green: {scheme: sph}}", "scheme is \"sph\", but must be one of"),
     ("cases: {taylor_green: [{reynolds: 1}, {reynolds: 1}]}", "declares the case taylor_green twice"),
     ("cases: {taylor_green: 1}", "must be a mapping"),
+    ("cases: {taylor_green: {reynolds: {draft: 1, standart: 2}}}", "did you mean standard"),
     ("caes: {}", "did you mean cases"),
+    ("{report: tradeoff, cases: {still_tank: {}}}", "cases.still_tank has no headline, whose error"),
 ])
 def test_study_with_errors_is_refused_in_a_sentence(write, text, sentence):
     write(text)

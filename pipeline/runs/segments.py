@@ -1,4 +1,4 @@
-"""Which segments a scene has: all that its duration asks for, or fewer where it ends at rest."""
+"""Which segments a run has: all that its duration asks for, or fewer where it ends at rest."""
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -23,8 +23,13 @@ def segments_until_rest(scene: Scene, file_of: Callable[[str], Path]) -> list[st
 
 
 def segments_made(scene: Scene, folder: Path) -> list[str]:
-    """Return the names of the segments of a run in a folder."""
-    return segments_until_rest(scene, lambda name: folder / "rest" / f"segment_{name}.json")
+    """Return the names of the segments of the run in a folder."""
+    return segments_until_rest(scene, lambda name: segment_path(folder, "rest", name, ".json"))
+
+
+def segment_path(folder: Path, kind: str, name: str, suffix: str = "") -> Path:
+    """Return the folder of a kind (frames, surfaces, images) that a segment has in that of a run, or its file."""
+    return folder / kind / f"segment_{name}{suffix}"
 
 
 def read_rest(path: Path) -> bool:

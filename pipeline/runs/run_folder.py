@@ -1,0 +1,153 @@
+"""The folder of a run, `outputs/<scene>/<level>`: where its files are, and which of them belong to it.
+
+What a longer run of the scene has left there before is not of it: the scene says how many segments and frames there
+are, and where it ends at rest, the files of the rest stage do.
+"""
+import csv
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.base.frame_files import frame_path
+from pipeline.base.tables import read_table
+from pipeline.base.usage import taken_by, usage_files
+from pipeline.cavity.initial_state import load_initial
+from pipeline.measures.events import Event, events_of
+from pipeline.measures.metric import Metric, read_meanings
+from pipeline.runs.segments import segment_path, segments_made
+from pipeline.scenes.load import scene_of_run
+from pipeline.scenes.model import Scene
+from pipeline.simulation.cost_files import read_costs
+from pipeline.surfaces.saved_frame import SavedFrame, number_of
+from pipeline.surfaces.surface_files import read_surface
+
+
+@dataclasses.dataclass(frozen=True)
+class RunFolder:
+    """What a run has left in its folder. Nothing is read before it is asked for, and then once.
+
+    Whatever is missing or damaged is a UserError, which says what to run.
+
+    Attributes
+    ----------
+    folder : ``outputs/<scene>/<level>``.
+    """
+
+    folder: Path
+
+    @functools.cached_property
+    def scene(self) -> Scene:
+        """The scene that was run, in SI units."""
+        return scene_of_run(self.folder)
+
+    @property
+    def title(self) -> str:
+        """Heading of the scene."""
+        return self.scene.title or self.scene.name
+
+    @property
+    def level(self) -> str:
+        """Name of the accuracy level."""
+        return self.scene.accuracy
+
+    @functools.cached_property
+    def segments(self) -> list[str]:
+        """Names of the segments that the run has."""
+        return segments_made(self.scene, self.folder)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames, with that at the start."""
+        return self.scene.frames_of_segment(len(self.segments) - 1).stop
+
+    @functools.cached_property
+    def frames(self) -> list[SavedFrame]:
+        """All frames of the run, in the order of time."""
+        return [SavedFrame(frame_path(segment_path(self.folder, "frames", name), number),
+                           segment_path(self.folder, "surfaces", name))
+                for segment, name in enumerate(self.segments) for number in self.scene.frames_of_segment(segment)]
+
+    @property
+    def ready_frames(self) -> list[SavedFrame]:
+        """Those that have surfaces: all, or the first ones of a run that goes on."""
+        return [frame for frame in self.frames if frame.statistics.is_file()]
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames, (frames,), s."""
+        return self.scene.output.frame_interval * np.arange(self.frame_count)
+
+    def picture_of(self, frame: SavedFrame) -> Path:
+        """Return the picture of a frame."""
+        return self.folder / "images" / frame.particles.parent.name / f"{frame.name}.png"
+
+    @property
+    def pictures(self) -> list[Path]:
+        """The pictures of the frames that have one, in the order of time."""
+        return [picture for picture in map(self.picture_of, self.frames) if picture.is_file()]
+
+    def time_of(self, picture: Path) -> float:
+        """Return the time of a picture, s."""
+        return number_of(picture) * self.scene.output.frame_interval
+
+    def frame_of(self, picture: Path) -> SavedFrame:
+        """Return the frame of a picture."""
+        return self.frames[number_of(picture)]
+
+    @property
+    def wall(self) -> Path:
+        """The file of the surface of the cavity."""
+        return self.folder / "eye.vtp"
+
+    def cavity(self):
+        """Return the surface of the cavity as pyvista.PolyData in m."""
+        return read_surface(self.wall)
+
+    @functools.cached_property
+    def initial(self) -> dict[str, np.ndarray]:
+        """Particles and signed distance at the start."""
+        return load_initial(self.folder / "initial.npz")
+
+    @property
+    def cavity_volume(self) -> float:
+        """Volume of the cavity, m^3 (in two dimensions m^2)."""
+        return float(self.initial["cavity_volume"])
+
+    @functools.cached_property
+    def table(self) -> dict[str, np.ndarray]:
+        """Metrics of every frame, column -> (frames,)."""
+        return read_table(self.folder / "metrics.csv")
+
+    @functools.cached_property
+    def metrics(self) -> list[Metric]:
+        """What the columns of the table mean."""
+        return read_meanings(self.folder / "metrics.json")
+
+    @property
+    def events(self) -> list[Event]:
+        """What happens in the run."""
+        return events_of(self.scene, self.table, self.cavity_volume)
+
+    @functools.cached_property
+    def costs(self) -> list[dict[str, Any]]:
+        """What the solver says of every segment."""
+        return [read_costs(path) for path in self.cost_files]
+
+    @property
+    def cost_files(self) -> list[Path]:
+        """The files in which it says so."""
+        return [segment_path(self.folder, "costs", name, ".json") for name in self.segments]
+
+    @functools.cached_property
+    def effect_costs(self) -> dict[str, dict[str, str]]:
+        """The table of effects: part -> its row."""
+        with (self.folder / "effects.csv").open(encoding="utf-8") as file:
+            return {row["part"]: row for row in csv.DictReader(file)}
+
+    @functools.cached_property
+    def taken(self) -> dict[str, dict[str, float]]:
+        """What the stages took: stage -> wall, cpu (s) and memory (bytes)."""
+        return taken_by(usage_files(self.folder / "logs", self.segments))
