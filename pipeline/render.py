@@ -97,8 +97,7 @@ class Renderer:
         canvas.paste(self._section(frame, sections, marks), (0, self.top))
         if self.view is not None:
             interfaces = [(surfaces[frame.liquids[index]], self._color(index)) for index in self.shown]
-            canvas.paste(Image.fromarray(np.ascontiguousarray(self.view.draw(wall, interfaces))),
-                         (self.columns[1], self.top))
+            canvas.paste(Image.fromarray(self.view.draw(wall, interfaces)), (self.columns[1], self.top))
         if self.fundus is None:
             points = np.asarray(wall.points, float)
             breaks = self.scene.patches(globe_radius(points))["breaks"].items()

@@ -53,10 +53,13 @@ class WallMapper:
         self.area = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3), len(self.vertices))
         self.edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         self._tree = cKDTree(self.vertices)
+        self._points, self._near = np.zeros((0, 3)), csr_matrix((len(self.vertices), 0))
 
     def map(self, contact: WallContact, film: WallFilm | None = None) -> WallMap:
         """Map the wall points of one frame, and the films on them where these are known."""
-        near = self._weights(contact)
+        if not np.array_equal(self._points, contact.position):     # they are the same in every frame of a run
+            self._points, self._near = contact.position, self._weights(contact)
+        near = self._near
         level = near @ contact.covered - 0.5  # (Z1)
         distance = self._distance_to_line(level)
         if contact.contact_angle is not None:
