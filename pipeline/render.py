@@ -39,6 +39,7 @@ from pipeline.pictures.section_panel import SectionPanel
 from pipeline.pictures.slice_panel import DROPLET_COLORS, DROPLET_TICKS, Fields
 from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius
+from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 from sim.effects.effect import MIXES
 
@@ -64,11 +65,9 @@ class Renderer:
         width, height = scene.output.image_size
         self.top, self.bottom = (OVERSAMPLING * row for row in rows_of(height))     # panels begin with whole pixels
         self.columns = [OVERSAMPLING * column for column in columns_of(width, opened=eye_surface is not None)]
-        liquids = [liquid.name for liquid in scene.liquids]
-        clear = (liquid.name for liquid in scene.liquids if liquid.clear)
-        self.water = next(clear, liquids[0] if len(liquids) > 1 else None)
-        self.droplets = droplets_of(scene)
-        self.shown = [index for index, name in enumerate(liquids) if name != self.water and index != self.droplets]
+        around = liquid_around(scene)
+        self.water, self.droplets = around.name if around else None, droplets_of(scene)
+        self.shown = [scene.liquids.index(liquid) for liquid in shown_liquids(scene)]
         self.right_eye, self.paint = scene.eye.side == "right", paint_of(scene)
         self.illustrates = bool(illustration_in_words(scene))
         self.panel: SectionPanel | None = None

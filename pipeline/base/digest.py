@@ -34,7 +34,8 @@ CHOICES = ("sim.effects", "sim.schemes")
 NAMES_ONLY = ("sim.settings",)
 # A scene's effects are values to the stages around the solver, but for these modules, which run their code.
 ASKING = ("pipeline.forecast.phases", "pipeline.measures.events", "pipeline.measures.metric",
-          "pipeline.scenes.effects", "pipeline.scenes.fill", "pipeline.simulation.solver_setup")
+          "pipeline.planning.settings", "pipeline.scenes.effects", "pipeline.scenes.fill",
+          "pipeline.simulation.solver_setup")
 
 # What files say, by what they hold, for processes to come: to parse all takes seconds.
 KNOWN = Path(importlib.util.cache_from_source(__file__)).with_suffix(".json")

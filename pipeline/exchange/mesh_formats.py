@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 from pipeline.base.files import replacing
-from pipeline.exchange.run_index import background_of
 from pipeline.scenes.model import Scene
+from pipeline.scenes.shown_liquids import liquid_around
 from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.surfaces.surface_files import EMPTY, read_surface
 
@@ -36,7 +36,7 @@ def meshes_of(frame: SavedFrame, scene: Scene, wall: Path) -> dict[str, trimesh.
 
 def colors_of(scene: Scene) -> dict[str, tuple[str, float]]:
     """Return the color, #rrggbb in sRGB, and the opacity of every liquid and of the ``wall``."""
-    return {liquid.name: (liquid.color, CLEAR_OPACITY if liquid.name == background_of(scene) else 1.0)
+    return {liquid.name: (liquid.color, CLEAR_OPACITY if liquid is liquid_around(scene) else 1.0)
             for liquid in scene.liquids} | {"wall": (WALL_COLOR, WALL_OPACITY)}
 
 

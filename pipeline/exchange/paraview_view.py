@@ -3,9 +3,9 @@ import json
 from pathlib import Path
 
 from pipeline.base.palette import rgb
-from pipeline.exchange.run_index import background_of, shown_liquids
 from pipeline.pictures.paint import paint_of
 from pipeline.scenes.model import Scene
+from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 
 SCRIPT = '''"""Open this run in ParaView 5.10 or newer as its pictures show it, without the map of the fundus.
 
@@ -192,12 +192,12 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
     folder : of the run, for ParaViews that do not tell a script where it is.
     painted : whether the walls of the run tell what touches them.
     """
-    shown, background = shown_liquids(scene), background_of(scene)
+    first = liquid_around(scene) or scene.liquids[0]
     facts = {
         "title": f"{scene.title or scene.name} ({scene.accuracy})",
         "dimension": scene.dimension, "painted": int(painted), "breaks": len(scene.breaks),
-        "share": f"1 - fraction_{background}" if background else f"fraction_{scene.liquids[0].name}",
-        "words": "oil volume fraction" if any("oil" in name for name in shown) else "volume fraction",
+        "share": f"{'1 - ' if len(scene.liquids) > 1 else ''}fraction_{first.name}",
+        "words": "oil volume fraction" if any("oil" in one.name for one in shown_liquids(scene)) else "volume fraction",
         "colors": {liquid.name: _shares(rgb(liquid.color)) for liquid in scene.liquids},
         "oil": _shares(paint_of(scene).covered), "without": _shares(paint_of(scene).bare),
     }

@@ -17,6 +17,7 @@ from pipeline.base.vtk_files import set_text, write_vtk
 from pipeline.cavity.rays import interpolation
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import direction, globe_radius
+from pipeline.scenes.shown_liquids import shown_liquids
 from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.surfaces.surface_files import read_surface
 
@@ -31,28 +32,17 @@ def parts_of(frame: SavedFrame, scene: Scene, wall: Path) -> dict[str, Path]:
     return found | {"wall": frame.wall or wall} | {name: path for name, path in sections.items() if path.is_file()}
 
 
-def background_of(scene: Scene) -> str | None:
-    """Return the liquid in which the others are shown: the first clear one, else the first; None where it is alone."""
-    names = [liquid.name for liquid in scene.liquids]
-    return next((liquid.name for liquid in scene.liquids if liquid.clear), names[0]) if len(names) > 1 else None
-
-
-def shown_liquids(scene: Scene) -> list[str]:
-    """Return the liquids that are shown in the other one."""
-    return [liquid.name for liquid in scene.liquids if liquid.name != background_of(scene)]
-
-
 def write_interface(path: Path, frame: SavedFrame, scene: Scene) -> None:
     """Write the surfaces of the shown liquids of a frame, where they are deeper than at the wall, as poly data."""
     import pyvista
 
     depth, away, names = AT_WALL * scene.numerics.particle_spacing, [], [liquid.name for liquid in scene.liquids]
-    for liquid in shown_liquids(scene):
-        surface = frame.surface(liquid)
+    for liquid in shown_liquids(scene) or scene.liquids:
+        surface = frame.surface(liquid.name)
         if surface.n_points:
             surface.clear_field_data()
             part = surface.clip_scalar(scalars="depth", invert=False, value=depth)
-            part.cell_data["liquid"] = np.full(part.n_cells, names.index(liquid), np.int32)
+            part.cell_data["liquid"] = np.full(part.n_cells, names.index(liquid.name), np.int32)
             away.append(part)
     merged = away[0].append_polydata(*away[1:]) if away else pyvista.PolyData()
     merged.field_data["time"] = [frame.time]

@@ -22,6 +22,7 @@ from pipeline.pictures.section_panel import posture
 from pipeline.scenes.effects import does, droplets_of
 from pipeline.scenes.model import Scene
 from pipeline.scenes.retina import globe_radius
+from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 from sim.effects.effect import MIXES
 
 CELL, MARGIN = 0.25e-3, 1.6e-3      # m, of the distances to the cavity, and around it
@@ -29,9 +30,8 @@ REACH = 14.5e-3                     # m: half width of the plane of the cut, at 
 
 
 def oils_of(scene: Scene) -> list[str]:
-    """Names of the liquids that are drawn as bodies: those that are not clear, but for droplets."""
-    droplets = droplets_of(scene)
-    return [liquid.name for index, liquid in enumerate(scene.liquids) if not liquid.clear and index != droplets]
+    """Names of the liquids that are drawn as bodies."""
+    return [liquid.name for liquid in shown_liquids(scene)]
 
 
 class Illustrator:
@@ -139,7 +139,8 @@ class Illustrator:
         return reach[np.argmax(self.anatomy.inside(reach) > 0.0)]
 
     def _liquid_name(self, face: str) -> str:
-        names = oils_of(self.scene) if face == "oil_face" else [one.name for one in self.scene.liquids if one.clear]
+        around = liquid_around(self.scene)
+        names = oils_of(self.scene) if face == "oil_face" else [around.name] if around else []
         return " and ".join(pretty(name) for name in names) or "liquid"
 
     def _of_liquid(self, face: str) -> str:

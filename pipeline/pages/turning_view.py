@@ -13,8 +13,8 @@ from pipeline.pictures.fundus_map import BREAK_COLOR
 from pipeline.pictures.marks import pretty
 from pipeline.pictures.paint import css, film_distance, paint_of, wall_fractions
 from pipeline.runs.run_folder import RunFolder
-from pipeline.scenes.effects import droplets_of
 from pipeline.scenes.retina import Patch, globe_radius
+from pipeline.scenes.shown_liquids import shown_liquids
 
 MOST_TRIANGLES = 40_000         # of one surface
 MOST_VERTICES = 2**16 - 1       # that WebGL can count
@@ -41,20 +41,21 @@ def turning_view(run: RunFolder) -> dict[str, Any]:
         return _packed(surface, center, half, covered, bare, distance)
 
     meshes, paint = [], paint_of(run.scene)
-    for liquid in shown_liquids(run.scene):
+    shown = shown_liquids(run.scene) or run.scene.liquids
+    for liquid in shown:
         surface = run.frames[-1].surface(liquid.name)
         color = np.array(ImageColor.getrgb(liquid.color))
         name = pretty(liquid.name)
         if of_eye:  # where oil touches the wall, the wall is painted
             if surface.n_cells:
                 surface = surface.clip_scalar(scalars="depth", value=TOUCH_DEPTH, invert=False)
-            if len(shown_liquids(run.scene)) == 1:
+            if len(shown) == 1:
                 color, name = paint.covered, f"interface of {name}"
         if surface.n_cells:
             meshes.append({"wall": False, "legend": [(css(color), name)], **packed(surface, color, color)})
     if of_eye:
         covered, bare = (paint.of(wall_fractions(wall, side)) for side in (True, False))
-        oil, line = pretty(shown_liquids(run.scene)[0].name), film_distance(wall)
+        oil, line = pretty(shown[0].name), film_distance(wall)
         legend = [(css(paint.covered), f"wall under {oil}"), (css(paint.bare), f"wall without {oil}")]
         if line is not None:
             covered = np.where(line[:, None] > 0.0, paint.film, covered)
@@ -100,16 +101,6 @@ def break_bands(wall, breaks: Iterable[Patch]):
         faces.append(count + (quads if outward > 0.0 else quads[:, ::-1]))
         count += 2 * size
     return pyvista.PolyData.from_regular_faces(np.concatenate(corners).astype(np.float32), np.concatenate(faces))
-
-
-def shown_liquids(scene) -> list:
-    """Return the liquids with a surface worth looking at: not the clear one, nor what there is in droplets alone."""
-    droplets = droplets_of(scene)
-    clear = next((index for index, liquid in enumerate(scene.liquids) if liquid.clear), None)
-    if clear is None and len(scene.liquids) > 1 and scene.container is None:
-        clear = 0
-    shown = [liquid for index, liquid in enumerate(scene.liquids) if index not in (clear, droplets)]
-    return shown or list(scene.liquids)
 
 
 def _packed(surface, center: np.ndarray, half: float, covered: np.ndarray, bare: np.ndarray,

@@ -146,4 +146,6 @@ def _in_sphere(case: Parameters, sphere: StarCavity, profile: Profile) -> dict[s
     return dict(zip(PARTS, shares_of(Contact(sphere, depth), parts_of(sphere)), strict=True))
 
 
-FAMILY = Family(__name__, Parameters, run, unnamed=("density", "tension", "contact_angle", "maps"))
+# Of gravity it reads the postures.
+FAMILY = Family(__name__, Parameters, run, effects=("gravity",),
+                unnamed=("density", "tension", "contact_angle", "maps"))

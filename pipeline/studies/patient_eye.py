@@ -95,4 +95,5 @@ def run(case: Parameters) -> Outcome:
     return outcome
 
 
-FAMILY = Family(__name__, Parameters, run, files=files, unnamed=("eye", "words", "group"))
+# Of gravity it reads the postures.
+FAMILY = Family(__name__, Parameters, run, effects=("gravity",), files=files, unnamed=("eye", "words", "group"))

@@ -114,7 +114,7 @@ class Effect:
         """
         return None
 
-    # What it says of a scene before it is run. `scales` are those of ``pipeline.advice.dimensionless_numbers``.
+    # What it says of a scene before it is run. `scales` are what is known of it then: lengths, speeds, liquids.
 
     @classmethod
     def advice(cls, parameters, scales, limits: Sequence[Limit]) -> Iterator[Advice]:
