@@ -1,6 +1,6 @@
 """Make the tables of the explorer: shapes of least energy for all directions of gravity and fills.
 
-    python -m pipeline.explorer_tables              # what is missing: 8 minutes of one core for a tamponade and eye
+    python -m pipeline.explorer_tables              # what is missing: 3 minutes of processor time for each
     python -m pipeline.explorer_tables --check 60   # how far they are off between their shapes
 
 A direction that was finished is kept, so that the same command goes on where it was stopped.
@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cache", type=Path, default=Path("outputs/explorer/directions"),
                         help="folder of directions made before (default: %(default)s)")
     parser.add_argument("--check", type=int, metavar="COUNT",
-                        help="compute so many random settings anew instead, and write how far the tables are off there")
+                        help="instead compute random settings again, and write how far the tables are off there")
     options = parser.parse_args(arguments)
     if options.check is not None:
         with progress(options.check, "random settings", unit="setting") as bar:

@@ -13,7 +13,7 @@ TILTS = np.arange(0.0, 181.0, 15.0)         # degrees from the posterior pole to
 AZIMUTHS = (0.0, 45.0, 90.0)                # degrees of the meridian of that place: the others are mirror images
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
-TABLES = (("24", "light"), ("24", "heavy"), ("24", "gas"), ("22", "light"), ("26", "light"))
+TABLES = (("24", "light"), ("24", "heavy"), ("24", "gas"))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -89,12 +89,13 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
     """Compute random settings anew, the same ones every time; what the folder holds of them is kept."""
     found, random, kinds = Errors.read(folder), np.random.default_rng(SEED), tamponades()
     known = {tuple(row[:5]) for row in found.rows}
-    cavities = {length: Cavities(eye) for length, eye in eyes().items()}
-    there = [case for case in TABLES if path_of(*case, folder).is_file()]
+    there = {case: Table.read(path) for case in TABLES if (path := path_of(*case, folder)).is_file()}
+    cavities = {length: Cavities(eyes()[length]) for length in {length for length, _ in there}}
+    charts = {length: Chart.of(cavity_of(eyes()[length], DRAFT)) for length in cavities}
     if not there:
         raise UserError(f"{folder} holds no tables to check; make them with python -m pipeline.explorer_tables")
     for number in range(count):
-        length, name = there[number % len(there)]
+        length, name = list(there)[number % len(there)]
         pitch, roll = np.degrees(np.arcsin(random.uniform(-1.0, 1.0))).round(1), round(random.uniform(-180.0, 180.0), 1)
         fill = round(random.uniform(FILLS[0], FILLS[-1]), 3)
         setting, toward = ((length, name, f"{100 * fill:g}", f"{pitch:g}", f"{roll:g}"),
@@ -102,14 +103,13 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
         advance(1)
         if setting in known:
             continue
-        looked = look_up(Table.read(path_of(length, name, folder)), toward, fill)
+        looked = look_up(there[length, name], toward, fill)
         rests = rests_at(cavities[length], kinds[name], toward, fill)[1]
         if looked is None or not rests:
             continue
         fine = cavities[length].seen(toward, fill, FINE)
         rest = at_rest(fine, kinds[name].liquids, down_of(pitch, roll), fill, refined_start(rests[0], fine, FINE))
-        shown = Chart.of(cavity_of(eyes()[length], DRAFT)).shares(looked.margin)
-        pairs = zip(shown, parts_of(Contact.of(rest)), strict=True)
+        pairs = zip(charts[length].shares(looked.margin), parts_of(Contact.of(rest)), strict=True)
         found.rows.append([*setting, *(f"{100 * value:.2f}" for pair in pairs for value in pair)])
         found.write(folder)
     return found

@@ -169,6 +169,7 @@ async function showExplorer(known) {
     const missing = withoutTable(set, known);
     said = missing ? [missing.said] : [];
     if (missing) set.eye = missing.eye;
+    find(".copied").textContent = "";
     redraw();
   }
   function redraw() {

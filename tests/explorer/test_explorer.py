@@ -139,7 +139,7 @@ def test_the_page_finds_the_smallest_fill_of_a_plan(known, tmp_path, place, post
 def test_links_carry_the_setting_and_bad_ones_give_words(known, tmp_path):
     links = ["", "#fill=72.5&tamponade=heavy&eye=24&side=left&pitch=-45&roll=10&break=2.5,80,2,12", "#fill=120",
              "#tamponade=water", "#eye=31", "#pitch=x&colour=red", "#break=1,2", "#break=6,114,1,20", "#break=none",
-             "#fill=&roll=1e999", "#fill=%E0%A4%A", "#tamponade=constructor", "#eye=22&tamponade=gas"]
+             "#fill=&roll=1e999", "#fill=%E0%A4%A", "#tamponade=constructor"]
     found = in_node("return given.links.map(link => { const read = page.readLink(link, given.known.start, given.known);"
                     "return [read.found, read.said, page.linkOf(read.found)]; });", {"known": known, "links": links},
                     tmp_path)
@@ -155,7 +155,10 @@ def test_links_carry_the_setting_and_bad_ones_give_words(known, tmp_path):
     assert "beyond the ora serrata" in said[5] and bad[5][0]["tear"]["latitude"] == 105
     assert said[6] == "" and bad[6][0]["tear"] is None
     assert all(said[7:])
-    assert bad[10][0]["eye"] == "24" and "no table of gas for an eye of 22 mm" in said[10]
+    fewer = known | {"eyes": [{"name": "22", "tables": {"light": ""}}, {"name": "24", "tables": {"gas": ""}}]}
+    changed, words = in_node("const read = page.readLink('#eye=22&tamponade=gas', given.start, given);"
+                             "return [read.found, read.said];", fewer, tmp_path)
+    assert changed["eye"] == "24" and "no table of gas for an eye of 22 mm" in " ".join(words)
 
 
 def test_the_page_asks_no_network_and_can_be_sent(page_file):
