@@ -324,8 +324,7 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: 
     if anatomy.shape is not None:
         push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
     smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * directions
-    of_oil = _distance_on_plane(smooth, opening, inside < 1.0,
-                                folded=anatomy.shape is None or anatomy.shape.cornea is not None)
+    of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
     return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
                   [half_of("interface", smooth, opening)], left_out)
 
@@ -337,19 +336,19 @@ def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_ou
                    {name: opening.points[levels[name].argmin()] for name, face in faces.items() if face is not None})
 
 
-def _distance_on_plane(mesh, opening: Opening, where: np.ndarray, *, folded: bool) -> np.ndarray:
+def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
     """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked.
 
-    ``folded`` is whether the surface may cross itself: one does that was pushed over an edge of the wall.
+    A surface that was pushed into the wall crosses itself at edges, and there the nearest triangle may be turned round:
+    what is inside is found by how often rays cross the surface.
     """
     import pyvista
 
     level = np.full(len(opening.points), 1e3)
     found = pyvista.PolyData(opening.points[where]).compute_implicit_distance(mesh)
-    level[where] = np.asarray(found.point_data["implicit_distance"])
-    if folded:      # then the nearest triangle may be turned round
-        enclosed = found.select_interior_points(mesh, method="cell_locator", check_surface=False)
-        level[where] = np.abs(level[where]) * np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
+    enclosed = found.select_interior_points(mesh, method="cell_locator", check_surface=False)
+    sign = np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
+    level[where] = sign * np.abs(found.point_data["implicit_distance"])
     return level
 
 
