@@ -115,8 +115,7 @@ def surface_of(name: str, level: Level, box: np.ndarray, cell: float, opening: O
 
 def half_of(name: str, mesh, opening: Opening) -> Part | None:
     """The half of a surface that stays, with the normals of the whole."""
-    mesh = opening.kept(mesh.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=False,
-                                             consistent_normals=False))
+    mesh = opening.kept(_with_normals(mesh))
     return part_of(name, mesh) if mesh.n_cells else None
 
 
@@ -311,15 +310,17 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: 
     oil, left_out = _large_bodies(oil, particle) if oil.n_cells else (None, 0)
     if oil is None:
         return Liquids([], left_out) if whole else _faces(opening, {"aqueous_face": inside}, [], left_out)
-    smooth = _mesh(MM * np.asarray(oil.points, float), oil.regular_faces).smooth_taubin(n_iter=PASSES, pass_band=0.08)
-    normals = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
+    faces = oil.regular_faces
+    if _signed_volume(np.asarray(oil.points, float), faces) < 0.0:      # that normals are outward, of pockets inward
+        faces = faces[:, ::-1]
+    smooth = _mesh(MM * np.asarray(oil.points, float), faces).smooth_taubin(n_iter=PASSES, pass_band=0.08)
+    directions = np.asarray(_with_normals(smooth).point_data["Normals"])
     depth = MM * np.asarray(oil.point_data["depth"], float)
     touching = np.clip((NEAR_WALL - depth) / (NEAR_WALL - TOUCHING), 0.0, 1.0)
-    directions = np.asarray(normals.point_data["Normals"])
     if whole:
         smooth.points = np.asarray(smooth.points) - APART * touching[:, None] * directions
-        smooth = smooth.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=True)
-        return Liquids([part_of("glass", smooth)], left_out, {"oil_face": MM * np.asarray(oil.points).mean(axis=0)})
+        middle = np.asarray(smooth.points).mean(axis=0)
+        return Liquids([part_of("glass", _with_normals(smooth))], left_out, {"oil_face": middle})
     push = np.full(len(depth), PUSH)
     if anatomy.shape is not None:
         push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
@@ -350,6 +351,18 @@ def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
     sign = np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
     level[where] = sign * np.abs(found.point_data["implicit_distance"])
     return level
+
+
+def _signed_volume(points: np.ndarray, triangles: np.ndarray) -> float:
+    """Volume of a closed surface, negative where its triangles look inward."""
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def _with_normals(mesh):
+    """A surface with the normals that its triangles have; VTK's own guess fails where there are pockets inside."""
+    return mesh.compute_normals(cell_normals=False, split_vertices=False, auto_orient_normals=False,
+                                consistent_normals=False)
 
 
 def _large_bodies(oil, particle: float):

@@ -303,3 +303,21 @@ def test_a_turntable_ends_where_it_begins_and_never_looks_at_the_edge_of_the_cut
         turned = type(view)(view.up, view.toward, view.middle, float(swing))
         assert turned.axes @ turned.axes.T == pytest.approx(np.eye(3), abs=1e-12)
         assert turned.axes[2] @ view.toward > 0.3 and turned.axes[2] @ view.up == pytest.approx(view.axes[2] @ view.up)
+
+
+def test_oil_with_a_pocket_of_aqueous_inside_is_pushed_outward_all_the_same(eye):
+    import pyvista
+
+    anatomy, _ = eye
+    oil = pyvista.Sphere(radius=9e-3, theta_resolution=60, phi_resolution=60)
+    pocket = pyvista.Sphere(radius=2e-3).flip_faces()
+    both = pyvista.merge([oil, pocket], merge_points=False)
+    for surface in (both, both.flip_faces()):
+        surface.clear_data()
+        surface.point_data["depth"] = np.zeros(surface.n_points)
+        found = liquids_of(surface, anatomy, Opening(SIDEWAYS, 14.0), 1e-9)
+        interface = next(part for part in found.parts if part.name == "interface")
+        away = np.linalg.norm(interface.points, axis=1)
+        assert away.max() == pytest.approx(9.65, abs=0.15) and away.min() == pytest.approx(2.0 - 0.65, abs=0.15)
+        outward = np.einsum("ij,ij->i", interface.points, interface.normals) / away
+        assert outward[away > 5.0].min() > 0.8 and outward[away < 5.0].max() < -0.8
