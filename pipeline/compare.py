@@ -22,6 +22,7 @@ from pipeline.base.canvas import empty_figure
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
+from pipeline.base.sequences import PICTURES_AGAIN, in_sequence, number_of
 from pipeline.base.tables import TIME, read_table
 from pipeline.pictures.picture_grid import as_png
 from pipeline.scenes.ending import segments_made
@@ -100,8 +101,8 @@ def read_run(folder: Path) -> Run:
     """
     scene = scene_of_run(folder)
     segments = segments_made(scene, folder)
-    pictures = {int(path.stem.rpartition("_")[2]): path for name in segments
-                for path in folder.glob(f"images/segment_{name}/frame_*.png")}
+    pictures = {number_of(path): path for path in in_sequence(
+        (path for name in segments for path in folder.glob(f"images/segment_{name}/frame_*.png")), PICTURES_AGAIN)}
     costs = [folder / "costs" / f"segment_{name}.json" for name in segments]
     return Run(folder, scene, read_table(folder / "metrics.csv"), pictures,
                [read_costs(path) for path in costs if path.exists()])

@@ -15,7 +15,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import find_frames
+from pipeline.base.frame_files import frames_of
+from pipeline.base.sequences import FRAMES_AGAIN, without_others
 from pipeline.base.vtk_files import set_text, write_vtk
 from pipeline.cavity.rays import interpolation
 from pipeline.scenes.model import Scene
@@ -54,11 +55,13 @@ def saved_frames(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[Saved
 
     Raises
     ------
-    UserError : a frame has no surfaces.
+    UserError : a frame has no surfaces, or surfaces have no frame.
     """
     numbers = {path.stem: path for folder in surfaces for path in Path(folder).glob("frame_*.json")}
     found = []
-    for path in sorted((path for folder in frames for path in find_frames(folder)), key=lambda path: path.stem):
+    paths = frames_of(frames)
+    without_others(paths, numbers.values(), FRAMES_AGAIN)
+    for path in paths:
         if path.stem not in numbers:
             raise UserError(f"{path}: has no surfaces; run the reconstruct stage on its folder first")
         time = float(read_statistics(numbers[path.stem])["time"])

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.sequences import PICTURES_AGAIN, in_sequence
 from pipeline.base.tables import read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
 from pipeline.forecast.estimate_files import read_level
 from pipeline.measures.metric import Metric, read_meanings
-from pipeline.scenes.ending import segments_made
+from pipeline.scenes.ending import check_segments, segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
@@ -79,7 +80,9 @@ def read_run(folder: Path) -> Run:
     """
     scene = scene_of_run(folder)
     segments = segments_made(scene, folder)
-    pictures = [path for name in segments for path in sorted(folder.glob(f"images/segment_{name}/*.png"))]
+    pictures = in_sequence((path for name in segments for path in folder.glob(f"images/segment_{name}/frame_*.png")),
+                           PICTURES_AGAIN)
+    check_segments(scene, pictures, PICTURES_AGAIN)
     if not pictures:
         raise UserError(f"{folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")
     for name in ("movie.mp4", "poster.png"):
