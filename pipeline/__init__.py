@@ -18,13 +18,14 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 # `python -m pipeline.<stage>`: its libraries may find no memory before the stage itself is reached.
 if sys.argv[:1] == ["-m"]:
-    from pipeline.base.surroundings import shut_out_foreign_settings
-
-    shut_out_foreign_settings()
     from pipeline.base.memory import refuse_too_little, tell_of_imports
 
     sys.excepthook = tell_of_imports
     refuse_too_little()
+
+    from pipeline.base.surroundings import shut_out_foreign_settings
+
+    shut_out_foreign_settings()
 
 # Imported when first asked for: a stage that needs none of this starts sooner.
 _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",

@@ -20,7 +20,9 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.palette import curve_style
 from pipeline.base.progress import progress
+from pipeline.base.sequences import SURFACES_AGAIN, in_sequence
 from pipeline.base.words import no_formula
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.contour_lines import signed_area
@@ -135,12 +137,14 @@ def measure(scene: Scene, folders: Iterable[Path]) -> list[dict[str, Any]]:
 
     Raises
     ------
-    UserError : a folder holds no surfaces of this scene.
+    UserError : a folder holds no surfaces of this scene, or not those of every frame.
     """
     rows, spacing = [], scene.numerics.particle_spacing
-    frames = sorted((path for folder in folders for path in Path(folder).glob("frame_*.json")), key=lambda p: p.name)
+    folders = list(folders)
+    frames = in_sequence((path for folder in folders for path in Path(folder).glob("frame_*.json")), SURFACES_AGAIN)
     if not frames:
         raise UserError(f"{', '.join(map(str, folders))}: no surfaces there; run the reconstruct stage first")
+    check_segments(scene, frames, SURFACES_AGAIN)
     with progress(len(frames), f"{scene.name}: bodies") as bar:
         for path in frames:
             time = float(read_statistics(path)["time"])

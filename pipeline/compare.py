@@ -21,11 +21,11 @@ from pipeline.base import cli, page
 from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
+from pipeline.base.sequences import number_of
 from pipeline.base.tables import TIME
 from pipeline.pictures.picture_grid import as_png
 from pipeline.runs.run_folder import RunFolder
 from pipeline.simulation.cost_files import seconds_of
-from pipeline.surfaces.saved_frame import number_of
 
 # What is drawn and comes first in the table, as far as the scene has it; the other metrics follow.
 HEADLINES = ("retina_coverage_whole", "wall_coverage", "contact_arc", "fill", "center_of_mass_*_y", "speed_rms",

@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 
 from pipeline.base.cli import run
-from pipeline.base.frame_files import FIELD_UNITS, FrameData, find_frames, read_frame, write_pvd
+from pipeline.base.frame_files import FIELD_UNITS, FrameData, frames_of, read_frame, write_pvd
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.command == "show":
         _show(read_frame(options.frame))
         return
-    paths = [path for folder in options.folders for path in find_frames(folder)]
+    paths = frames_of(options.folders)
     base = options.output.resolve().parent
     entries = sorted((read_frame(path).time, os.path.relpath(path.resolve(), base)) for path in paths)
     write_pvd(options.output, entries)

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.base import energies
-from pipeline.base.frame_files import find_frames, read_frame
+from pipeline.base.frame_files import frames_of, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.sequences import FRAMES_AGAIN
 from pipeline.base.tables import write_table
 from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
@@ -32,6 +33,7 @@ from pipeline.measures.plots import overview, write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.effects import SOLVES, illustration_in_words
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
@@ -285,7 +287,8 @@ def main(arguments: list[str] | None = None) -> None:
                         help="surface of the cavity, for a scene with breaks or regions")
     options = parser.parse_args(arguments)
     scene = load_resolved(options.scene)
-    paths = sorted((path for folder in options.folders for path in find_frames(folder)), key=lambda path: path.name)
+    paths = frames_of(options.folders)
+    check_segments(scene, paths, FRAMES_AGAIN)
     initial = load_initial(options.initial)
     wanted = options.eye is not None and (scene.breaks or scene.regions)
     places = places_of(scene, read_surface(options.eye) if wanted else None)

@@ -11,10 +11,12 @@ from PIL import Image, ImageDraw
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.sequences import PICTURES_AGAIN, in_sequence
 from pipeline.pictures.marks import FAINT_INK, font, write
 from pipeline.pictures.moments import read_picture, write_animation, write_moments
 from pipeline.pictures.movie_file import write_movie
 from pipeline.pictures.pace import Pace, pace_of, speed_in_words
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_resolved
 
 SMALLEST = 9            # letters, pixels
@@ -27,7 +29,8 @@ def find_images(folders: list[Path]) -> list[Path]:
     ------
     UserError : there is none.
     """
-    images = sorted((path for folder in folders for path in Path(folder).glob("frame_*.png")), key=lambda p: p.name)
+    folders = list(folders)
+    images = in_sequence((path for folder in folders for path in Path(folder).glob("frame_*.png")), PICTURES_AGAIN)
     if not images:
         raise UserError(f"{', '.join(map(str, folders))}: no pictures (frame_*.png); run the render stage first")
     return images
@@ -65,6 +68,8 @@ def main(arguments: list[str] | None = None) -> None:
         raise UserError(f"--animation is {options.animation}, but must end in .gif or .webp")
     images = find_images(options.folders)
     scene = load_resolved(options.scene) if options.scene else None
+    if scene:
+        check_segments(scene, images, PICTURES_AGAIN)
     interval = scene.output.frame_interval if scene else None
     pace = pace_of(len(images), interval)
     if options.fps is not None:

@@ -12,16 +12,19 @@ from pipeline.advice.report import report_of
 from pipeline.base import cli
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.sequences import PICTURES_AGAIN
 from pipeline.forecast.scene_errors import errors_of
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.run_page import page_of
 from pipeline.runs.run_folder import RunFolder
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.folders import scene_file
 from pipeline.scenes.yaml_files import scene_files
 
 
 def refuse_incomplete(run: RunFolder) -> None:
     """Raise a UserError for a run without what the page shows as it is."""
+    check_segments(run.scene, run.pictures, PICTURES_AGAIN)
     if not run.pictures:
         raise UserError(f"{run.folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")
     shown = {"movie.mp4": "movie", "poster.png": "movie"} | ({"still.png": "still"} if run.scene.dimension == 3 else {})

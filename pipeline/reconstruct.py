@@ -12,14 +12,16 @@ import numpy as np
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.frame_files import FrameData, find_frames, frames_of, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.sequences import FRAMES_AGAIN
 from pipeline.base.threads import checked_threads
 from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import Measured
 from pipeline.measures.wall_map import WallMapper
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.devices import HELP, chosen_device
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.droplets import DROPLET_PARTICLES
@@ -148,6 +150,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.format and scene.dimension == 2:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
     paths = find_frames(options.frames)
+    check_segments(scene, paths, FRAMES_AGAIN)
     initialize("f32", threads, device, keep_to_core=True)
     initial = load_initial(options.initial)
     reconstructor = Reconstructor(
@@ -157,8 +160,7 @@ def main(arguments: list[str] | None = None) -> None:
     wall = None
     if options.eye and scene.eye is not None and scene.dimension == 3:
         wall = Wall(scene, initial, read_surface(options.eye))
-        earlier = (path for folder in options.before for path in find_frames(folder))
-        for path in sorted(earlier, key=lambda path: path.name):
+        for path in frames_of(options.before):
             wall.follow(read_frame(path))
     label = f"{scene.name}: reconstruct {options.frames.name}"
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:

@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
 from pipeline.base.progress import progress
+from pipeline.base.sequences import FRAMES_AGAIN, without_others
 from pipeline.base.usage import frame_done
 from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
@@ -37,6 +38,7 @@ from pipeline.pictures.marks import (
 from pipeline.pictures.paint import css, paint_of
 from pipeline.pictures.section_panel import SectionPanel
 from pipeline.pictures.slice_panel import DROPLET_COLORS, DROPLET_TICKS, Fields
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius
 from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
@@ -277,9 +279,11 @@ class Renderer:
 
 def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path, surfaces: Path, output: Path) -> None:
     """Draw every frame of a folder; the folder of pictures appears by rename."""
+    paths, label = find_frames(frames), f"{scene.name}: render {frames.name}"
+    check_segments(scene, paths, FRAMES_AGAIN)
+    without_others(paths, surfaces.glob("frame_*.json"), FRAMES_AGAIN)
     renderer: Any = ContainerRenderer(scene, eye_surface) if scene.container else \
         Renderer(scene, cavity_volume, eye_surface)
-    paths, label = find_frames(frames), f"{scene.name}: render {frames.name}"
     try:
         with replacing_folder(output) as folder, progress(len(paths), label) as bar:
             for path in paths:

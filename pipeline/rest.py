@@ -10,10 +10,12 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
-from pipeline.base.frame_files import find_frames
+from pipeline.base.frame_files import frames_of
+from pipeline.base.sequences import FRAMES_AGAIN
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures.events import events_of
 from pipeline.measures.rest import at_rest, course_of_coverage, rest_in_words
+from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_resolved
 
 
@@ -27,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="FILE.json", help="file to write")
     options = parser.parse_args(arguments)
     scene, initial = load_resolved(options.scene), load_initial(options.initial)
-    table = course_of_coverage(scene, initial, [path for folder in options.folders for path in find_frames(folder)])
+    paths = frames_of(options.folders)
+    check_segments(scene, paths, FRAMES_AGAIN)
+    table = course_of_coverage(scene, initial, paths)
     events = events_of(scene, table, float(initial["cavity_volume"]))
     said = rest_in_words(table, events, ended=False) or "not known yet whether it is at rest"
     record = {"at_rest": at_rest(table, events), "time": float(table["time [s]"][-1]), "said": said}

@@ -1,4 +1,4 @@
-"""Files that were asked for without their accuracy level, and words that mean nothing."""
+"""Files that were asked for without their accuracy level, and words and names that mean nothing."""
 
 
 rule without_level:
@@ -17,4 +17,14 @@ rule unknown:
     output:
         "{word}",
     wildcard_constraints:
-        word=r"[A-Za-z0-9_-]+",
+        word=r"[^/.]+",
+
+
+rule impossible_name:
+    input:
+        lambda w: flow.refuse(w.scene, w.rest),
+    output:
+        "outputs/{scene}/{rest}",
+    wildcard_constraints:
+        scene=r"[^/]*[^/A-Za-z0-9_-][^/]*",
+        rest=".+",

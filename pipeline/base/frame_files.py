@@ -18,6 +18,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.numpy_files import read_arrays, write_arrays
+from pipeline.base.sequences import FRAMES_AGAIN, in_sequence
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 POINT_UNITS = {
@@ -85,17 +86,22 @@ def frame_path(folder: str | os.PathLike, index: int, suffix: str = ".vtu") -> P
     return Path(folder) / f"frame_{index:05d}{suffix}"
 
 
+def frames_of(folders: Iterable[str | os.PathLike]) -> list[Path]:
+    """All frame files of several folders, in the order of time; raises as ``find_frames`` does."""
+    return in_sequence((path for folder in folders for path in find_frames(folder)), FRAMES_AGAIN)
+
+
 def find_frames(folder: str | os.PathLike) -> list[Path]:
     """All frame files in ``folder``, in the order of time.
 
     Raises
     ------
-    UserError : there is no such folder, or it holds no frame itself.
+    UserError : there is no such folder, it holds no frame itself, or a frame is missing between others.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder of frames; run the simulate stage first")
-    paths = sorted(path for path in folder.glob("frame_*") if path.suffix in FRAME_SUFFIXES)
+    paths = in_sequence((path for path in folder.glob("frame_*") if path.suffix in FRAME_SUFFIXES), FRAMES_AGAIN)
     if not paths:
         segments = sorted(path.name for path in folder.glob("segment_*"))
         if segments:

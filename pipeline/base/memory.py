@@ -107,7 +107,13 @@ def refuse_too_little() -> None:
 
 
 def tell_of_imports(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Hook for errors that nobody has caught (``sys.excepthook``): also while the libraries of a stage are imported."""
+    """Hook for errors that nobody has caught (``sys.excepthook``): also while the libraries of a stage are imported.
+
+    Ctrl-C is one of them; the process then ends by that signal.
+    """
+    if issubclass(kind, KeyboardInterrupt):
+        print("error: interrupted; the same command goes on from here", file=sys.stderr, flush=True)
+        return
     if sentence := sentence_of(error, Path(sys.argv[0]).stem):
         end_in_sentence(sentence)
     sys.__excepthook__(kind, error, trace)

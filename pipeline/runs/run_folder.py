@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.base.frame_files import frame_path
+from pipeline.base.sequences import PICTURES_AGAIN, in_sequence, number_of
 from pipeline.base.tables import read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
@@ -21,7 +22,7 @@ from pipeline.runs.segments import segment_path, segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
-from pipeline.surfaces.saved_frame import SavedFrame, number_of
+from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.surfaces.surface_files import read_surface
 
 
@@ -86,8 +87,9 @@ class RunFolder:
 
     @property
     def pictures(self) -> list[Path]:
-        """The pictures of the frames that have one, in the order of time."""
-        return [picture for picture in map(self.picture_of, self.frames) if picture.is_file()]
+        """The pictures of the frames that have one, in the order of time; none is missing between two others."""
+        return in_sequence((picture for picture in map(self.picture_of, self.frames) if picture.is_file()),
+                           PICTURES_AGAIN)
 
     def time_of(self, picture: Path) -> float:
         """Return the time of a picture, s."""

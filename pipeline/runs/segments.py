@@ -1,9 +1,10 @@
 """Which segments a run has: all that its duration asks for, or fewer where it ends at rest."""
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.base.errors import UserError
+from pipeline.base.sequences import with_all
 from pipeline.scenes.model import Scene
 
 
@@ -30,6 +31,27 @@ def segments_made(scene: Scene, folder: Path) -> list[str]:
 def segment_path(folder: Path, kind: str, name: str, suffix: str = "") -> Path:
     """Return the folder of a kind (frames, surfaces, images) that a segment has in that of a run, or its file."""
     return folder / kind / f"segment_{name}{suffix}"
+
+
+def check_segments(scene: Scene, paths: Iterable[Path], again: str) -> None:
+    """Refuse folders ``segment_000`` ... of a scene that lack files of frames, the last one too.
+
+    Parameters
+    ----------
+    paths : files of frames in these folders; of others nothing is known.
+    again : what makes missing ones anew.
+
+    Raises
+    ------
+    UserError : a file is missing.
+    """
+    folders: dict[Path, list[Path]] = {}
+    for path in paths:
+        folders.setdefault(path.parent, []).append(path)
+    for folder, found in folders.items():
+        name = folder.name.removeprefix("segment_")
+        if folder.name != name and name in scene.segment_names:
+            with_all(found, scene.frames_of_segment(int(name)), again)
 
 
 def read_rest(path: Path) -> bool:

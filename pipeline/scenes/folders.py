@@ -47,6 +47,8 @@ def scene_path(name: str, folder: Path = SCENES) -> Path:
     if len(found) > 1:
         raise UserError(_alike(*found[:2]))
     if not found:
+        if (folder / f"{name}.yml").is_file():
+            raise UserError(f"{folder / name}.yml: is no scene for its name, which must end in .yaml; rename it")
         raise UserError(f"{folder / name}.yaml: no such file{nearest(name, [path.stem for path in files])}"
                         + f"; {LISTED}" * _is_config(_above(folder)))
     return found[0]

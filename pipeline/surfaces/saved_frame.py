@@ -5,7 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.frame_files import FrameData, frames_of, read_frame
+from pipeline.base.sequences import FRAMES_AGAIN, number_of, without_others
 from pipeline.surfaces.surface_files import read_statistics, read_surface, read_surfaces, read_wall, surface_path
 
 
@@ -68,21 +69,18 @@ class SavedFrame:
         return read_wall(self.surfaces / f"{self.name}_wall.vtp")
 
 
-def number_of(path: Path) -> int:
-    """Return the number of the frame that a file is of."""
-    return int(path.stem.rpartition("_")[2])
-
-
 def frames_with_surfaces(frames: Iterable[Path], surfaces: Iterable[Path]) -> list[SavedFrame]:
     """Return what folders of frames and folders of surfaces hold, in the order of time.
 
     Raises
     ------
-    UserError : a frame has no surfaces.
+    UserError : a frame has no surfaces, or surfaces have no frame.
     """
-    folder_of = {path.stem: path.parent for folder in surfaces for path in Path(folder).glob("frame_*.json")}
-    found = []
-    for path in sorted((path for folder in frames for path in find_frames(folder)), key=lambda path: path.stem):
+    made = {path.stem: path for folder in surfaces for path in Path(folder).glob("frame_*.json")}
+    folder_of = {name: path.parent for name, path in made.items()}
+    found, paths = [], frames_of(frames)
+    without_others(paths, made.values(), FRAMES_AGAIN)
+    for path in paths:
         if path.stem not in folder_of:
             raise UserError(f"{path}: has no surfaces; run the reconstruct stage on its folder first")
         found.append(SavedFrame(path, folder_of[path.stem]))

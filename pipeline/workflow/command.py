@@ -31,8 +31,8 @@ def _start(arguments: list[str]) -> None:
 def snakemake_command(folder: Path, *arguments: str) -> list[str]:
     """Return the command that runs Snakemake in the folder of a project, with its own rules or those of this code."""
     rules = folder if (folder / SNAKEFILE).is_file() else PROJECT
-    return [sys.executable, "-m", "snakemake", "--snakefile", str(rules / SNAKEFILE), "--directory", str(folder),
-            "--workflow-profile", str(rules / "profiles" / "default"), *arguments]
+    return [sys.executable, "-m", "pipeline.workflow.start", "--snakefile", str(rules / SNAKEFILE), "--directory",
+            str(folder), "--workflow-profile", str(rules / "profiles" / "default"), *arguments]
 
 
 def project_folder(folder: str | os.PathLike | None = None) -> Path:

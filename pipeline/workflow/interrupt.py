@@ -2,9 +2,12 @@
 import logging
 import re
 import signal
+import sys
 import threading
 import time
 from types import FrameType
+
+from pipeline.base.memory import tell_of_imports
 
 PATIENCE = 0.5  # s, that an error waits
 PATIENCE_OF_INTERRUPTED = 30.0  # s, that the error of a job waits that the signal itself has ended
@@ -21,6 +24,7 @@ class Interrupt:
 
     def __init__(self, logger: logging.Logger):
         self.happened = False
+        sys.excepthook = tell_of_imports  # while Snakemake plans, it lets the signal pass
         # Where a signal is ignored, or handled by others already, that stays so.
         if (threading.current_thread() is threading.main_thread()
                 and signal.getsignal(signal.SIGINT) is signal.default_int_handler):

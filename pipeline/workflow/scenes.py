@@ -12,6 +12,7 @@ from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
 from pipeline.runs.segments import segments_made, segments_until_rest
+from pipeline.scenes.checks import NAME
 from pipeline.scenes.devices import checked_device, chosen_device
 from pipeline.scenes.effects import knows_films
 from pipeline.scenes.folders import LISTED, scene_path, scene_paths
@@ -63,8 +64,8 @@ def _read(load, *arguments):
 
 
 def scene_names() -> list[str]:
-    """Return the names of all scenes."""
-    return list(_read(scene_paths))
+    """Return the names of all scenes, but of those that cannot name a folder."""
+    return [name for name in _read(scene_paths) if re.fullmatch(NAME, name)]
 
 
 def sha256(content: bytes) -> str:
@@ -213,6 +214,8 @@ class Workflow:
 
     def unknown(self, word: str) -> NoReturn:
         """End Snakemake with what there is: a word was asked for that is no rule, no scene and no study."""
+        if word in _read(scene_paths):
+            self.scene(word, self.accuracy)  # its file has a name that no folder can have, which is said
         known = [*scene_names(), *study_names()]
         stop(f'no scene and no study is called "{word}"{nearest(word, known)}; {LISTED} scenes, and the studies are '
              f"{', '.join(study_names())}")

@@ -403,12 +403,12 @@ def run_folder(tmp_path, sphere):
     for index, segment in [(0, 0), (1, 0), (2, 1)]:
         state = make_state(sphere, sphere["fluid_position"][:, 1] > 1e-3 * index, time=0.1 * index,
                            statistics={"pressure_iterations": 7.0, "time_step": 1e-3} if index else {})
-        write_frame(frame_path(tmp_path / f"segment_{segment:03d}", index), state.frame)
+        write_frame(frame_path(tmp_path / f"part_{segment:03d}", index), state.frame)
     return tmp_path
 
 
 def test_command_line_makes_table_plots_and_summary(run_folder):
-    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_001", "segment_000")),
+    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "part_001", "part_000")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html"),
                   "--plots", str(run_folder / "plots")])
     assert "nan" not in (run_folder / "metrics.csv").read_text()
@@ -437,7 +437,7 @@ def test_damaged_table_is_named(tmp_path, text):
 
 
 def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
-    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "segment_000", "segment_001")),
+    metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "part_000", "part_001")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
     table, page = read_table(run_folder / "metrics.csv"), (run_folder / "metrics.html").read_text()
     cells = {row[0]: row[1:] for row in (re.findall(r"<td>(.*?)</td>", row) for row in page.split("<tr>")) if row}

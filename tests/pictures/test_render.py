@@ -190,10 +190,10 @@ def film_folder(tmp_path_factory, run_folder):
     position = lattice(seed=3)
     for index in range(8):
         fraction = oil_fraction(position, height=8e-3 - 1.5e-3 * index)
-        path = frame_path(folder / f"segment_{index // 7:03d}", index)
+        path = frame_path(folder / f"part_{index // 7:03d}", index)
         write_frame(path, frame_of(position, fraction, time=0.1 * index))
     done = forked.run("pipeline.reconstruct", run_folder / "scene.json", run_folder / "initial.npz",
-                      folder / "segment_001", "--before", folder / "segment_000", "--output", folder / "surfaces",
+                      folder / "part_001", "--before", folder / "part_000", "--output", folder / "surfaces",
                       "--eye", run_folder / "eye.vtp", "--threads", 1)
     assert done.returncode == 0, done.stderr
     return folder
@@ -226,7 +226,7 @@ def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_pa
 
 def test_pictures_of_films_have_a_legend_and_lighter_walls(run_folder, film_folder, tmp_path, opengl):
     names = [str(run_folder / name) for name in ("scene.json", "initial.npz", "eye.vtp")]
-    frames, surfaces, images = film_folder / "segment_001", film_folder / "surfaces", tmp_path / "images"
+    frames, surfaces, images = film_folder / "part_001", film_folder / "surfaces", tmp_path / "images"
     render.main([*names, str(frames), str(surfaces), "--output", str(images)])
     pixels = np.asarray(Image.open(images / "frame_00007.png").convert("RGB")).astype(int)
     halves, fundus = (slice(left, right) for left, right in itertools.pairwise(columns_of(SIZE[0])[1:]))

@@ -71,7 +71,7 @@ def run_folder(tmp_path):
     (tmp_path / "scene.json").write_text(scene.to_json())
     drops = [((-4e-3, 0.0, 0.0), 3e-3), ((5e-3, 0.0, 0.0), 2e-3)]
     for index in range(2):
-        folder = tmp_path / f"segment_{index:03d}"
+        folder = tmp_path / f"part_{index:03d}"
         folder.mkdir()
         oil = mesh_of(balls(3, *drops[:index + 1]))
         for name, mesh in (("oil", oil), ("aqueous", mesh_of(np.full((81, 81, 81), -1.0)))):
@@ -82,7 +82,7 @@ def run_folder(tmp_path):
 
 
 def test_command_line_makes_table_and_plot(run_folder):
-    bodies.main([str(run_folder / name) for name in ("scene.json", "segment_001", "segment_000")]
+    bodies.main([str(run_folder / name) for name in ("scene.json", "part_001", "part_000")]
                 + ["--output", str(run_folder / "bodies.csv"), "--plot", str(run_folder / "bodies.png")])
     header, *rows = (run_folder / "bodies.csv").read_text().splitlines()
     assert header == ",".join(bodies.COLUMNS)
@@ -102,19 +102,19 @@ def test_a_folder_without_surfaces_is_named(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"time": null}'])
 def test_damaged_numbers_of_a_frame_are_named(run_folder, text):
-    numbers = run_folder / "segment_001" / "frame_00001.json"
+    numbers = run_folder / "part_001" / "frame_00001.json"
     numbers.write_text(text)
     with pytest.raises(UserError, match=f"{numbers}: does not hold the numbers of a frame's surfaces"):
-        bodies.main([str(run_folder / name) for name in ("scene.json", "segment_000", "segment_001")]
+        bodies.main([str(run_folder / name) for name in ("scene.json", "part_000", "part_001")]
                     + ["--output", str(run_folder / "bodies.csv")])
 
 
 def test_table_is_in_the_units_of_its_heads(run_folder):
     """A ball of 3 mm, all of which lies at the wall, then the same one amid the cavity."""
     oil = mesh_of(balls(3, ((-4e-3, 1e-3, 2e-3), 3e-3)))
-    write_surface(run_folder / "segment_000" / "frame_00000_oil.vtp", oil, time=0.0, liquid="oil",
+    write_surface(run_folder / "part_000" / "frame_00000_oil.vtp", oil, time=0.0, liquid="oil",
                   depth=np.zeros(len(oil.points)))
-    bodies.main([str(run_folder / name) for name in ("scene.json", "segment_000", "segment_001")]
+    bodies.main([str(run_folder / name) for name in ("scene.json", "part_000", "part_001")]
                 + ["--output", str(run_folder / "bodies.csv")])
     header, *rows = (run_folder / "bodies.csv").read_text().splitlines()
     at_wall, free = (dict(zip(header.split(","), row.split(","), strict=True)) for row in rows[:2])

@@ -1,9 +1,10 @@
 """Ctrl-C while the thread that hears of it waits: the job that the signal ended is not told of as an error."""
+import signal
 import subprocess
 import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, hear_interrupts
 
 # A thread logs the end of its job at once, as Snakemake's do; the signal reaches the main thread a second later.
 LATE = """
@@ -39,3 +40,21 @@ def test_error_waits_for_the_signal_that_it_tells_of(how, interrupted, told):
                          capture_output=True, text=True, check=True)
     assert run.stdout.split() == [str(interrupted)]
     assert (how in run.stderr) == told
+
+
+@pytest.mark.parametrize("command", [("pipeline.workflow.start", "-n", "-q", "all", "-j1"), ("pipeline.eye", "--help")])
+@pytest.mark.parametrize("seconds", [0.3, 0.8, 1.5, 3.0])
+def test_ctrl_c_ends_in_one_sentence_at_any_moment(command, seconds):
+    """Also while libraries are imported and jobs are planned; what has ended before says nothing of it.
+
+    Only while Python itself starts, which takes long on a busy computer, nobody can speak but Python.
+    """
+    run = subprocess.Popen([sys.executable, "-m", *command], cwd=ROOT, stdout=subprocess.DEVNULL,
+                           stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts)
+    try:
+        run.wait(seconds)
+    except subprocess.TimeoutExpired:
+        run.send_signal(signal.SIGINT)
+    said = run.communicate(timeout=120)[1].splitlines()
+    ours = [line for line in said if line.startswith("  File") and ("/pipeline/" in line or "site-packages" in line)]
+    assert not ours and sum("interrupted" in line for line in said) <= 1, said

@@ -87,6 +87,8 @@ def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(pr
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["tinny"], 'no scene and no study is called "tinny" (did you mean tiny?)'),
+    (["tiny (1)"], 'no scene and no study is called "tiny (1)" (did you mean tiny?)'),
+    (["outputs/tiny (1)/draft/movie.mp4"], "tiny (1).yaml: no such file (did you mean tiny?)"),
     (["outputs/tinny/draft/movie.mp4"], "tinny.yaml: no such file (did you mean tiny?)"),
     (["outputs/studies/validation/table.html"], "ask for outputs/studies/validation/draft/table.html"),
     (["outputs/studies/validation/standard"], "ask for a file in it, such as outputs/studies/validation/standard/t"),

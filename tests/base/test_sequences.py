@@ -1,0 +1,121 @@
+"""Frames, surfaces and pictures that were deleted or added in the middle of a run are told by what reads them."""
+import shutil
+
+import pytest
+from conftest import ROOT
+from PIL import Image
+from synthetic_frames import make_frame
+
+from pipeline import bodies, frames, metrics, movie, rest
+from pipeline.base.errors import UserError
+from pipeline.base.frame_files import find_frames, frame_path, frames_of, write_frame
+from pipeline.base.sequences import in_sequence, without_others
+from pipeline.render import render_frames
+from pipeline.runs.segments import check_segments
+from pipeline.scenes.load import load_scene
+from pipeline.surfaces.saved_frame import frames_with_surfaces
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run of `tiny`, two segments, as far as names go: frames, surfaces and pictures."""
+    folder = tmp_path_factory.mktemp("run")
+    scene = load_scene(ROOT / "config/scenes/tiny.yaml", "draft")
+    (folder / "scene.json").write_text(scene.to_json())
+    for segment, numbers in (("segment_000", (0, 1, 2)), ("segment_001", (3, 4))):
+        for number in numbers:
+            write_frame(frame_path(folder / "frames" / segment, number), make_frame(time=0.05 * number))
+            for kind, suffix, text in (("surfaces", ".json", f'{{"time": {0.05 * number}}}'), ("images", ".png", "")):
+                path = frame_path(folder / kind / segment, number, suffix)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text)
+                if kind == "images":
+                    Image.new("RGB", (32, 32)).save(path)
+    return folder
+
+
+@pytest.fixture
+def run(whole, tmp_path):
+    """A copy of it, which a test spoils."""
+    return shutil.copytree(whole, tmp_path / "run")
+
+
+def segments(run, kind):
+    return [str(run / kind / name) for name in ("segment_000", "segment_001")]
+
+
+READERS = {  # what reads a kind of files: of which it is, and what is called
+    "metrics": ("frames", lambda run: metrics.main([str(run / "scene.json"), str(run / "initial.npz"),
+                                                    *segments(run, "frames"), "--output", str(run / "m.csv")])),
+    "rest": ("frames", lambda run: rest.main([str(run / "scene.json"), str(run / "initial.npz"),
+                                              *segments(run, "frames"), "--output", str(run / "r.json")])),
+    "frames": ("frames", lambda run: frames.main(["pvd", *segments(run, "frames"), "--output", str(run / "f.pvd")])),
+    "index_run": ("frames", lambda run: frames_with_surfaces(segments(run, "frames"), (
+        run / "surfaces" / name for name in ("segment_000", "segment_001")))),
+    "bodies": ("surfaces", lambda run: bodies.measure(load_scene(ROOT / "config/scenes/tiny.yaml", "draft"),
+                                                      segments(run, "surfaces"))),
+    "movie": ("images", lambda run: movie.main([*segments(run, "images"), "--output", str(run / "movie.mp4"),
+                                                "--scene", str(run / "scene.json")])),
+}
+SUFFIXES = {"frames": ".vtu", "surfaces": ".json", "images": ".png"}
+
+
+@pytest.mark.parametrize("missing", [1, 2])
+@pytest.mark.parametrize("reader", READERS)
+def test_a_file_that_is_missing_between_others_is_told(run, reader, missing, monkeypatch):
+    monkeypatch.setattr("pipeline.metrics.load_initial", lambda path: {})
+    monkeypatch.setattr("pipeline.rest.load_initial", lambda path: {})
+    kind, read = READERS[reader]
+    frame_path(run / kind / "segment_000", missing, SUFFIXES[kind]).unlink()
+    with pytest.raises(UserError, match=rf"segment_000: frame_0000{missing} is missing among the others; remove the "
+                                        r"folder and run the \w+ stage again"):
+        read(run)
+
+
+@pytest.mark.parametrize("reader", ["metrics", "rest", "bodies", "movie"])
+def test_the_last_one_is_missed_too_where_the_scene_tells(run, reader, monkeypatch):
+    monkeypatch.setattr("pipeline.metrics.load_initial", lambda path: {})
+    monkeypatch.setattr("pipeline.rest.load_initial", lambda path: {})
+    kind, read = READERS[reader]
+    frame_path(run / kind / "segment_001", 4, SUFFIXES[kind]).unlink()
+    with pytest.raises(UserError, match="segment_001: frame_00004 is missing"):
+        read(run)
+
+
+@pytest.mark.parametrize("kind", SUFFIXES)
+def test_added_files_are_told(run, kind):
+    suffix, folder = SUFFIXES[kind], run / kind / "segment_000"
+    paths = [run / kind / "segment_000" / f"frame_{number:05d}{suffix}" for number in range(3)]
+    shutil.copy(paths[1], folder / f"frame_00001 (copy){suffix}")
+    with pytest.raises(UserError, match="is none of the run's files, which are named frame_00000"):
+        in_sequence(folder.glob(f"*{suffix}"), "")
+    (folder / f"frame_00001 (copy){suffix}").rename(run / kind / "segment_001" / paths[1].name)
+    with pytest.raises(UserError, match="is there twice, as "):
+        in_sequence((run / kind).glob(f"*/*{suffix}"), "")
+
+
+def test_frames_are_told_by_folder(run):
+    assert [path.stem for path in frames_of(segments(run, "frames"))] == [f"frame_{n:05d}" for n in range(5)]
+    shutil.copy(frame_path(run / "frames/segment_000", 2), frame_path(run / "frames/segment_000", 99))
+    with pytest.raises(UserError, match="frame_00003, frame_00004, frame_00005 and 93 more are missing"):
+        find_frames(run / "frames/segment_000")
+
+
+def test_surfaces_without_a_frame_are_told(run):
+    scene = load_scene(ROOT / "config/scenes/tiny.yaml", "draft")
+    shutil.copy(run / "surfaces/segment_000/frame_00002.json", run / "surfaces/segment_000/frame_00003.json")
+    frame = run / "frames/segment_000"
+    with pytest.raises(UserError, match=r"frame_00003\.json: is of a frame that is missing among the others"):
+        render_frames(scene, 5e-6, None, frame, run / "surfaces/segment_000", run / "new")
+    with pytest.raises(UserError, match=r"frame_00003"):
+        without_others(frame.glob("*.vtu"), (run / "surfaces/segment_000").glob("*.json"), "")
+
+
+def test_whole_and_longer_runs_are_read(run):
+    """A scene that was made shorter reads what is there, and folders of other names are not held against it."""
+    scene = load_scene(ROOT / "config/scenes/tiny.yaml", "draft")
+    check_segments(scene, frames_of(segments(run, "frames")), "")
+    write_frame(frame_path(run / "frames/segment_001", 5), make_frame(time=0.25))
+    check_segments(scene, frames_of(segments(run, "frames")), "")
+    (run / "frames/segment_000").rename(run / "some")
+    check_segments(scene, [run / "some/frame_00001.vtu"], "")
