@@ -174,9 +174,10 @@ def split(mesh, name: str) -> tuple[Any, Any]:
     import pyvista
     from vtkmodules.vtkFiltersCore import vtkClipPolyData
 
+    mesh = mesh.copy(deep=False)
+    mesh.set_active_scalars(name)   # which the filter takes, whatever array it is told to process
     clipper = vtkClipPolyData()     # PyVista's takes twice as long
     clipper.SetInputData(mesh)
-    clipper.SetInputArrayToProcess(0, 0, 0, 0, name)
     clipper.GenerateClippedOutputOn()
     clipper.Update()
     return pyvista.wrap(clipper.GetOutput()), pyvista.wrap(clipper.GetClippedOutput())

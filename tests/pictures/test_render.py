@@ -29,7 +29,7 @@ from pipeline.pictures import opengl
 from pipeline.pictures.anterior_segment import anterior_segment
 from pipeline.pictures.container_view import peel
 from pipeline.pictures.eye_layout import columns_of
-from pipeline.pictures.eye_view import NERVE_COLOR, EyeView
+from pipeline.pictures.eye_view import NERVE_COLOR, EyeView, painted
 from pipeline.pictures.fundus_map import Coverage, FundusMap
 from pipeline.pictures.marks import INK, clock
 from pipeline.pictures.paint import OF_GAS, OF_OIL
@@ -514,3 +514,23 @@ def test_color_bar_names_each_liquid_at_the_end_of_its_color(run_folder, tmp_pat
     written = np.flatnonzero((band < 160).all(axis=-1).any(axis=0))
     before, after = written[written < left - 8], written[(written > right + 8) & (written < right + 25)]
     assert np.ptp(before) > 2.0 * np.ptp(after) > 0
+
+
+@pytest.mark.parametrize(("over", "share"), [(-1.0, 0.0), (1.0, 1.0), (None, 0.5)])
+def test_the_wall_of_the_opened_eye_has_the_color_of_films_where_films_are(over, share):
+    import pyvista
+
+    wall = pyvista.Icosphere(radius=RADIUS, nsub=4)
+    x, y, _ = np.asarray(wall.points).T
+    wall.point_data["contact_distance"] = y         # oil above
+    wall.point_data["film_distance"] = x if over is None else np.full(len(x), over)
+    for name in ("oil_fraction_covered", "oil_fraction_bare"):
+        wall.point_data[name] = np.full(len(x), float(name.endswith("covered")))
+    shown = painted(wall, OF_OIL).triangulate()
+    height, across = (np.asarray(shown.cell_centers().points)[:, k] for k in (1, 0))
+    film = (np.asarray(shown.point_data["color"])[shown.regular_faces[:, 0]] == FILM).all(axis=1)
+    upper = height > 0.03 * RADIUS
+    assert not film[~upper & (height < -0.03 * RADIUS)].any()
+    assert film[upper].mean() == pytest.approx(share, abs=0.03)
+    if over is None:
+        assert film[upper & (across > 0.03 * RADIUS)].all()
