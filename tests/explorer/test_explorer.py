@@ -208,7 +208,8 @@ def test_the_page_works_in_a_browser(page_file, tmp_path, width):
 
     def comes(condition):
         return browser.run("new Promise(done => { const end = Date.now() + 20000; const ask = () => "
-                           f"({condition}) ? done(true) : Date.now() > end ? done(false) : setTimeout(ask, 50); ask(); }})")
+                           f"({condition}) ? done(true) : Date.now() > end ? done(false) : setTimeout(ask, 50); "
+                           "ask(); })")
 
     try:
         browser.open(page_file, width, phone=width < 500)
