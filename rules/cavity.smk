@@ -14,8 +14,7 @@ rule scene:
     message:
         "{wildcards.scene} at {wildcards.level}: check the scene"
     shell:
-        "python -m pipeline.scene {wildcards.scene} --accuracy {wildcards.level} --output {output}"
-        " 2>&1 | tee {log}"
+        "python -m pipeline.scene {wildcards.scene} --accuracy {wildcards.level} --output {output}" " 2>&1 | tee {log}"
 
 
 rule eye:
