@@ -60,7 +60,7 @@ def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: S
     write(draw, (end - 0.5 * SCALE * per_mm, base - 0.8 * u), f"{SCALE:g} mm", 2.4 * u, anchor="md")
     for row, note in enumerate(reversed(notes)):
         write(draw, (0.5 * size[0], size[1] - (1.4 + 2.8 * row) * u), note, 2.0 * u, color=FAINT_INK, anchor="md",
-              width=0.94 * size[0])
+              width=0.8 * size[0])
     return reduce(canvas)
 
 
