@@ -63,7 +63,7 @@ def test_full_disk_keeps_an_old_folder(tmp_path):
     (folder / "old").touch()
     with pytest.raises(OSError) as caught, files.replacing_folder(folder):
         raise OSError(28, "No space left on device")
-    assert cli.describe(caught.value) == f"{folder}: the disk is full"
+    assert cli.describe(caught.value).startswith(f"{folder}: the disk is full")
     assert [path.name for path in tmp_path.rglob("*")] == ["frames", "old"]
 
 
