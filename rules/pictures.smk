@@ -74,6 +74,8 @@ rule still:
     log:
         "outputs/{scene}/{level}/logs/still.log",
     threads: lambda w: cores()
+    resources:
+        mem_mb=2000,  # Mitsuba takes 1 GB for 1280 x 720 pixels
     params:
         depends=flow.depends("still"),
     message:
@@ -96,6 +98,8 @@ rule illustrate:
     log:
         "outputs/{scene}/{level}/logs/illustrate_{segment}.log",
     threads: lambda w: cores()
+    resources:
+        mem_mb=2000,  # Mitsuba takes 1 GB for 1280 x 720 pixels
     params:
         depends=flow.depends("illustrate"),
     message:

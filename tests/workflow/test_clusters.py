@@ -34,11 +34,11 @@ def resources(project, *arguments: str) -> dict[str, dict]:
 
 def test_jobs_ask_for_threads_memory_and_a_gpu(project):
     project.write_scene("greedy", "extends: tiny\nnumerics: {threads: 32, device: cuda}\n")  # more than there are here
-    asked = resources(project, "greedy", "48")
+    asked = resources(project, "greedy", "48") | resources(project, "outputs/greedy/draft/estimate.html", "48")
     assert {rule: asked[rule]["_cores"] for rule in SOLVING} == {
         "voxelize": 32, "simulate": 32, "estimate": 32, "reconstruct": 1}
     assert {rule for rule, one in asked.items() if one["gpu"]} == set(SOLVING)
-    assert all(asked[rule]["mem_mb"] >= 1000 for rule in (*SOLVING, "render", "metrics", "page"))
+    assert all(asked[rule]["mem_mb"] >= 1000 for rule in (*SOLVING, "render", "still", "metrics", "page"))
     assert asked["render"]["mem_mb"] > asked["simulate"]["mem_mb"]
 
 
