@@ -23,6 +23,7 @@ ALLOWED = {
     ("pipeline/base/frame_files.py", "gravity"),
     ("pipeline/pictures/section_panel.py", "gravity"),
     ("pipeline/pictures/container_panel.py", "gravity"),
+    ("pipeline/illustration/lettering.py", "gravity"),
 }
 
 
