@@ -45,7 +45,7 @@ from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 from sim.effects.effect import MIXES
 
-MARK_COLORS = {"cannula": (213, 94, 0), "drain": (120, 94, 240)}
+MARK_COLORS = {"cannula": (213, 94, 0), "drain": (90, 0, 60)}
 MOST_BESIDE, LEAST_BESIDE = 0.6, 0.01   # shares on one side of the section, and of the cavity, from which on it is said
 COMPRESSION = 2         # of PNG: files are an eighth larger than by default, in little more than half of the time
 PURE, LEAST_MIXED = 0.95, 0.01          # fraction of one liquid, and share of the cavity that has less of every one

@@ -63,7 +63,8 @@ class Errors:
 
     def add(self, key: Key, message: str) -> None:
         """Collect "<file>: <key> <message>", and what was probably meant by lengths that carry no unit."""
-        bare = next((value for one, value in self.bare.items() if one[:len(key)] == key), None) if key else None
+        bare = next((value for one, value in self.bare.items() if one[:len(key)] == key and len(one) <= len(key) + 1),
+                    None) if key else None
         if bare is not None and "did you mean" not in message:
             message += likely(bare, "m")
         parents = (key[:length] for length in range(len(key), 0, -1))

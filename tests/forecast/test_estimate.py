@@ -459,7 +459,7 @@ def test_measurement_is_kept_until_something_changes(kept, tmp_path, monkeypatch
     for one in (scene, scene, dataclasses.replace(scene, title="another title")):
         assert measured(one, SCENES) == synthetic(scene)
     assert len(kept) == 1
-    measured(dataclasses.replace(scene, output=dataclasses.replace(scene.output, frame_interval=0.05)), SCENES)
+    measured(dataclasses.replace(scene, output=dataclasses.replace(scene.output, frame_interval=0.1)), SCENES)
     monkeypatch.setattr(measurement, "computer", lambda: "abacus")
     measured(scene, SCENES)
     path, = (tmp_path / "measurements").iterdir()

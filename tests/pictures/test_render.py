@@ -133,8 +133,8 @@ def test_pictures_show_section_opened_eye_and_fundus(run_folder, tmp_path, openg
     section, halves, fundus = (slice(left, right) for left, right in itertools.pairwise(ends))
     assert_section(tamponade[:, section], (1.0, 0.0))
     body = slice(80, 310)
-    assert count(tamponade[body, halves], COVERED, 70) > 1500 and \
-        count(water[body, halves], COVERED, 40) < 50
+    ivory = [count(pixels[body, halves], COVERED, 40) for pixels in (water, tamponade)]
+    assert ivory[1] > 5 * ivory[0]      # the nerve is nearly ivory too
     for pixels, least in ((water, 0), (tamponade, 3000)):
         assert least <= count(pixels[body, fundus], COVERED, 4) <= 4 * least
         assert count(pixels[body, fundus], BARE, 4) > 3000
@@ -203,7 +203,7 @@ def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_pa
     """In the map, whose stripes there are a third as wide as apart, and in words that add up."""
     scene, initial = load_resolved(run_folder / "scene.json"), ball()
     films = FilmCourse.of(scene, float(initial["cavity_volume"]))
-    for path in sorted(film_folder.glob("segment_*/*.vtu")):
+    for path in sorted(film_folder.glob("part_*/*.vtu")):
         state = Measured(scene, initial, read_frame(path)).after(films)
     retina = read_retina(film_folder / "surfaces" / "frame_00007.json")["whole"]
     mask = state.wall.retina_masks()["whole"]
@@ -219,7 +219,11 @@ def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_pa
     touched["film_distance"] = np.full(wall.n_points, -1.0)
     without = np.asarray(chart.draw(touched, uncertain=0.0)).astype(int)
     assert count(without, FILM, 2) < 0.01 * light
-    assert count(without, COVERED, 2) - count(pixels, COVERED, 2) == pytest.approx(light, rel=0.02)
+    # Pixels at the edges of stripes are blended: on the average half of each is film.
+    lost = (without == COVERED).all(axis=-1) & (np.abs(pixels - COVERED).max(axis=-1) > 2)
+    way = FILM.astype(float) - COVERED
+    share = np.clip((pixels[lost] - COVERED) @ way / (way @ way), 0.0, 1.0)
+    assert share.sum() == pytest.approx(light + 0.5 * (lost.sum() - light), rel=0.1)
     assert str(Coverage(0.519, 0.134, 0.374)) == "52 ± 13 %"
     assert Coverage(0.519, 0.134, 0.374).parts == "touches 15 %, on a thin film 37 %"
 
@@ -318,7 +322,7 @@ def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, ope
         colored = chroma > 20.0
         place = color_vision.seen(colors[0][colored] / 255.0, kind)
         far = np.min([deltaE_ciede2000(place, one[None]) for one in legend], axis=0) > 15.0
-        assert colors[1][colored][far].sum() < 0.01 * colors[1][colored].sum()      # lines are blended at their edges
+        assert colors[1][colored][far].sum() < 0.015 * colors[1][colored].sum()     # lines are blended at their edges
 
 
 def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():
@@ -330,9 +334,9 @@ def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():
     assert nasal[True][0] == nasal[False][0] > 150      # the patient's left is on the right in both
     right, left = (np.asarray(FundusMap(vertices, (300, 300), right_eye=one, captions=False).draw(
         bare_wall(vertices), uncertain=0.0)).astype(int) for one in (True, False))
-    white = [(pixels[:, columns] > 240).all(axis=-1).sum() for pixels in (right, left)
-             for columns in (slice(155, 200), slice(100, 145))]
-    assert white[0] > white[1] + 10 and white[3] > white[2] + 10
+    dark = [(pixels[:, columns] < 90).all(axis=-1).sum() for pixels in (right, left)
+            for columns in (slice(155, 200), slice(100, 145))]
+    assert dark[0] > dark[1] + 10 and dark[3] > dark[2] + 10
 
 
 def bare_wall(vertices):
