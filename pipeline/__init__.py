@@ -18,9 +18,14 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 # `python -m pipeline.<stage>`: its libraries may find no memory before the stage itself is reached.
 if sys.argv[:1] == ["-m"]:
+    import atexit
+    import signal
+
     from pipeline.base.memory import refuse_too_little, tell_of_imports
 
     sys.excepthook = tell_of_imports
+    # All has been written then: what Python still has to free is nothing to be interrupted, and would end in silence.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     refuse_too_little()
 
     from pipeline.base.surroundings import shut_out_foreign_settings
