@@ -75,7 +75,7 @@ rule still:
         "outputs/{scene}/{level}/logs/still.log",
     threads: lambda w: cores()
     resources:
-        mem_mb=2000,  # Mitsuba takes 1 GB for 1280 x 720 pixels
+        mem_mb=2000,  # Mitsuba takes 1.3 GB for 1280 x 720 pixels
     params:
         depends=flow.depends("still"),
     message:
@@ -99,7 +99,7 @@ rule illustrate:
         "outputs/{scene}/{level}/logs/illustrate_{segment}.log",
     threads: lambda w: cores()
     resources:
-        mem_mb=2000,  # Mitsuba takes 1 GB for 1280 x 720 pixels
+        mem_mb=2000,  # Mitsuba takes 1.3 GB for 1280 x 720 pixels
     params:
         depends=flow.depends("illustrate"),
     message:

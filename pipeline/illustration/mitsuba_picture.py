@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from pipeline.base.threads import library_threads
 from pipeline.illustration.geometry import Part
 from pipeline.illustration.looks import TISSUES, Look, Tissue
 from pipeline.illustration.view import ANGLE, View
@@ -46,15 +47,16 @@ class Tracer:
     textures : name of a part -> (rows, columns, 3) float32, linear.
     size : width and height in pixels.
     samples : paths through every pixel.
+    threads : 0 for as many as are useful.
     """
 
     def __init__(self, fixed: Iterable[Part], look: Look, textures: dict[str, np.ndarray], size: tuple[int, int],
-                 samples: int, threads: int = 1):
+                 samples: int, threads: int = 0):
         import drjit
         import mitsuba
 
         mitsuba.set_variant("scalar_rgb")
-        drjit.set_thread_count(max(1, threads))
+        drjit.set_thread_count(threads or library_threads())
         self.mitsuba, self.size, self.samples = mitsuba, size, samples
         self._builder = _Builder(mitsuba, look, textures)
         fixed = list(fixed)

@@ -314,15 +314,16 @@ def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, ope
     lab = color_vision.seen(marked, kind)
     assert min(deltaE_ciede2000(one, other) for one, other in itertools.combinations(lab, 2)) > 15.0
     tissue = (SCLERA, CHOROID, RETINA, IRIS, CILIARY, CORNEA, LENS, CAPSULE, CHAMBER, ZONULE)
+    lines = [0.5 * (np.array(INK) + color) for color in (BARE, COVERED)]     # dark ones, half over a pixel
     legend = np.vstack([color_vision.seen(OF_OIL.colors[::8] / 255.0, kind), lab, color_vision.seen(
-        np.array([FILM, *tissue, rgb(NERVE_COLOR)]) / 255.0, kind)])
+        np.array([FILM, *tissue, rgb(NERVE_COLOR), *lines]) / 255.0, kind)])
     for pixels in draw(run_folder, tmp_path / "images"):
         colors = np.unique(pixels[70:320].reshape(-1, 3), axis=0, return_counts=True)
         chroma = np.hypot(*color_vision.seen(colors[0] / 255.0, "none")[:, 1:].T)
         colored = chroma > 20.0
         place = color_vision.seen(colors[0][colored] / 255.0, kind)
         far = np.min([deltaE_ciede2000(place, one[None]) for one in legend], axis=0) > 15.0
-        assert colors[1][colored][far].sum() < 0.015 * colors[1][colored].sum()     # lines are blended at their edges
+        assert colors[1][colored][far].sum() < 0.01 * colors[1][colored].sum()      # lines are blended at their edges
 
 
 def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():

@@ -63,9 +63,6 @@ def test_ctrl_c_ends_in_one_sentence_at_any_moment(command, seconds):
     time.sleep(seconds)
     if run.poll() is None:
         run.send_signal(signal.SIGINT)
-    written, errors = run.communicate(timeout=120)
-    said = errors.splitlines()
+    said = run.communicate(timeout=120)[1].splitlines()
     assert not any(line.startswith("  File") for line in said), said
-    # Python that is about to end hears no signal any more: all has been written by then.
-    ended = run.returncode == 0 or (run.returncode == -signal.SIGINT and "--help" in written and not said)
-    assert sum("interrupted" in line for line in said) == 1 or ended
+    assert sum("interrupted" in line for line in said) == 1 or run.returncode == 0
