@@ -11,8 +11,8 @@ particle. So of a film as thick as a particle, which is all that particles can l
 half a particle on the mean is what rounding would leave of it.
 
 Oil enters a closed tube at one end and as much aqueous leaves at the other (``sim.effects.injection``), at a speed that
-has no time to rise and fall. The tube stands upright, and the front goes down, which is the way of films, or up. With
-the ends of the tube round (flat in two dimensions) and the first oil a plug, what is left on the wall is counted from
+has no time to rise and fall. The tube stands upright, and the front goes down, which is the way of films, or up, or
+gravity is left out, as in theory. With the ends of the tube round (flat in two dimensions) and the first oil a plug, what is left on the wall is counted from
 one radius beyond the start of the front to two behind its end.
 """
 import dataclasses
@@ -53,7 +53,8 @@ class Parameters(PackedParameters):
                               meaning="radius of the tube, half the distance of plates")
     capillary_number: float = parameter(1e-4, exclusive_minimum=0.0, maximum=1e-2,
                                         meaning="viscosity of the aqueous times speed of the front over tension")
-    front: str = parameter("down", choices=("down", "up"), meaning="way of the front, with the oil behind it")
+    front: str = parameter("down", choices=("down", "up", "weightless"),
+                           meaning="way of the front, with the oil behind it; weightless: up, without gravity")
     film: str = parameter("slides", choices=("slides", "stays"),
                           meaning="whether films slide as a whole, or only as their particles do")
     resolutions: tuple[int, ...] = parameter((8,), minimum=4, meaning="particles along the radius, coarse to fine")
@@ -129,6 +130,7 @@ def _drive(case: Parameters, resolution: int) -> Run:
     section = 2.0 * radius if case.dimension == 2 else np.pi * radius**2
     oil = section * START * radius if case.dimension == 2 else section * (START - 1.0 / 3.0) * radius
     heading = -1.0 if case.front == "down" else 1.0
+    gravity = 0.0 if case.front == "weightless" else GRAVITY
 
     def way(x):
         """Way from the end at which oil enters, along the tube, m."""
@@ -150,7 +152,7 @@ def _drive(case: Parameters, resolution: int) -> Run:
         "injection": {"liquid": "oil", "drained_liquid": "aqueous", "flow": section * speed, "ramp": 0.0,
                       "fill": min(0.95, (oil + 1.1 * section * TRAVEL * radius) / float(arrays["cavity_volume"])),
                       "cannula": (0.0, tip, 0.0), "drain": (0.0, -tip, 0.0), "radius": 0.5 * radius},
-        "gravity": {"magnitude": GRAVITY}, "viscosity_implicit": {},
+        "gravity": {"magnitude": gravity}, "viscosity_implicit": {},
         "interface_tension": {"coefficient": TENSION, "contact_angle": CONTACT_ANGLE}}
     if case.film == "slides":
         effects["wall_film"] = {}

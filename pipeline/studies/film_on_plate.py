@@ -7,7 +7,9 @@ viscous and hardly moves, so the film flows as between two walls, with the mean 
     u = (rho_film - rho_oil) g sin(inclination) h^2 / (12 mu_film) .
 
 A film as thick as a particle cannot become thinner, as a real one does: it has to slide as a whole, and its upper end
-with the speed u for h = dx. Below it is a pool of aqueous in a box that is full, which starts with the surface that it
+with the speed u for h = dx. A real film leaves as evenly until a third of it is gone. Then the fan that begins at its
+upper end comes down, in which it is as thick as sqrt(4 mu z/(drho g t)) at z below the end (balance of volumes), and
+it empties ever slower. Below it is a pool of aqueous in a box that is full, which starts with the surface that it
 has at rest between two plates: with y along the plates and x from one to the other, from 0 to w,
 
     sigma d(sin phi)/dx = (rho_film - rho_oil) g (x cos(inclination) + y sin(inclination)), tan phi = dy/dx,
@@ -41,6 +43,7 @@ WIDTH, POOL, ABOVE = 20, 8, 6  # particles from plate to plate, least depth of t
 SIDES = 12  # particles along the plate across the slope, in three dimensions; the film takes half of them
 MARGIN = 2  # particles above the pool at rest from which on the film is counted
 LEAST = 0.25  # of the film, until which its speed is measured
+DRAINED = {"1/6": 1 / 6, "1/3": 1 / 3, "1": 1.0, "2": 2.0}  # times, over that of the film's length at u
 START = 0.1  # of the time, in which the edges of a hole leap by up to a particle
 FIGURES = (Figure("film_on_plate", "A film on a plate empties", "time over that of lubrication",
                   "film left above the pool"),)
@@ -99,6 +102,11 @@ def lubrication(case: Parameters, inclination: float | None = None) -> float:
     return float(case.density_difference * GRAVITY * slope * case.spacing**2 / (12.0 * case.film_viscosity))
 
 
+def drained(scaled: float) -> float:
+    """Return what is left of a film that thins as it drains, over its start, at a time over that of its length at u."""
+    return 1.0 - scaled if scaled <= 1.0 / 3.0 else 2.0 / 3.0 / np.sqrt(3.0 * scaled)
+
+
 def surface_of_pool(case: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Distance x from the plate and height y along it of the surface of the pool at rest, (n,) each, m.
 
@@ -152,6 +160,9 @@ def _sliding(case: Parameters, rows: int, result: Run, common: dict[str, Any]) -
                      case.tolerance if case.film == "slides" else None, **common),
             compared("speed at which the film empties / lubrication", empties / speed, 1.0, None, **common),
             Row("rows of the film above the pool at the start", film[0], **common),
+            *(compared(f"film left after {words} of its time of lubrication",
+                       float(np.interp(share * film[0] * case.spacing / speed, time, film) / film[0]), drained(share),
+                       None, **common) for words, share in DRAINED.items()),
             bounded("rows of the film left above the pool", film[-1], 1.0 if case.film == "slides" else None, **common),
             Row("time in which three quarters leave", time[late], "s", **common),
             *_exchanged(case, result, None, common)]

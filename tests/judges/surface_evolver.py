@@ -31,10 +31,10 @@ from pipeline.scenes.eye_shape import FILLET, LENS_RADIUS, EyeShape, eye_shape  
 
 PROGRAM = "evolver"
 RADIUS = 11e-3                  # m, of the sphere
-LIQUIDS = Liquids(35.0, 0.04, np.radians(18.2))
 PARTS = ("wall", "retina", "superior", "inferior", "macula")
 TOLERANCE = 3.0                 # points of a covered share
 WALL, FREE = 4, 1               # colors of the triangles of Evolver
+KINDS = {"wall": WALL, "free": FREE}  # files that it writes
 CUTS = 3                        # of the icosahedron that the start is made of
 FRONT, EDGES = 3.0, (0.5, 0.34)  # mm: before this height the wall is cut until its edges are so short, in two goes
 # Coarse, then twice as fine, then finer still at the front edges: with edges of 0.8 mm there they hold too little
@@ -74,6 +74,12 @@ class Case:
     shape: EyeShape | None      # None: the sphere
     fill: float
     down: tuple[float, float, float]
+    contact_angle: float = 18.2  # deg, through the water
+
+    @property
+    def liquids(self) -> Liquids:
+        """Oil and aqueous."""
+        return Liquids(35.0, 0.04, np.radians(self.contact_angle))
 
     @property
     def level(self) -> Level:
@@ -125,28 +131,36 @@ def main() -> None:
 def by_energy(case: Case) -> tuple[dict[str, float], dict[str, float]]:
     """Covered shares in percent by this project, with many directions and with those of a plan."""
     coarse = StarCavity.of_level(case.level, case.viewpoint, DRAFT)
-    rest = at_rest(coarse, LIQUIDS, np.array(case.down), case.fill)
+    rest = at_rest(coarse, case.liquids, np.array(case.down), case.fill)
     fine = StarCavity.of_level(case.level, case.viewpoint, FINE)
-    finer = at_rest(fine, LIQUIDS, np.array(case.down), case.fill, refined_start(rest, fine, FINE))
+    finer = at_rest(fine, case.liquids, np.array(case.down), case.fill, refined_start(rest, fine, FINE))
     return tuple({name: 100.0 * share for name, share in shares(Contact.of(one)).items()} for one in (finer, rest))
 
 
 def by_evolver(case: Case, folder: Path | None = None) -> dict[str, float]:
     """Covered shares in percent by Surface Evolver."""
+    return covered(case, triangles(case, folder)[0])
+
+
+def triangles(case: Case, folder: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the triangles on the wall and of the free ones by Surface Evolver, (n, 3, 3) each, m."""
     with tempfile.TemporaryDirectory() as temporary:
         place = folder or Path(temporary)
         place.mkdir(parents=True, exist_ok=True)
         turn = turned(case.down)
         (place / "oil.fe").write_text(datafile(case, turn))
-        (place / "oil.cmd").write_text(commands(turn) + PRINT.format(file=place / "oil.txt", wall=WALL) + "q\nq\n")
-        (place / "oil.txt").unlink(missing_ok=True)
-        command = [PROGRAM, "-x", "-f", str(place / "oil.cmd"), str(place / "oil.fe")]
+        (place / "oil.cmd").write_text(
+            commands(turn) + "".join(PRINT.format(file=f"{name}.txt", color=color) for name, color in KINDS.items())
+            + "q\nq\n")
+        for name in KINDS:
+            (place / f"{name}.txt").unlink(missing_ok=True)
+        command = [PROGRAM, "-x", "-f", "oil.cmd", "oil.fe"]
         done = subprocess.run(command, cwd=place, text=True, capture_output=True, stdin=subprocess.DEVNULL, check=False)
         (place / "oil.log").write_text(done.stdout + done.stderr)
-        if not (place / "oil.txt").is_file():
+        if not all((place / f"{name}.txt").is_file() for name in KINDS):
             raise SystemExit(f"{PROGRAM} ended with {done.returncode}: {(done.stdout + done.stderr)[-500:]}")
-        corners = 1e-3 * np.loadtxt(place / "oil.txt").reshape(-1, 3, 3) @ turn
-    return covered(case, corners)
+        wall, free = (1e-3 * np.loadtxt(place / f"{name}.txt").reshape(-1, 3, 3) @ turn for name in KINDS)
+    return wall, free
 
 
 def commands(turn: np.ndarray) -> str:
@@ -165,7 +179,8 @@ def turned(down) -> np.ndarray:
 def datafile(case: Case, turn: np.ndarray) -> str:
     """Return the wall as a formula, and oil above a level as a closed surface of triangles."""
     points, faces, on_wall, wall_faces, volume = level_start(case)
-    bond = LIQUIDS.density_difference * LIQUIDS.gravity / LIQUIDS.tension * 1e-6      # 1/mm2
+    liquids = case.liquids
+    bond = liquids.density_difference * liquids.gravity / liquids.tension * 1e-6      # 1/mm2
     edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
     number = {tuple(edge): index + 1 for index, edge in enumerate(edges.tolist())}
     wetted = {tuple(sorted(pair)) for face in faces[wall_faces].tolist() for pair in zip(face, face[1:] + face[:1],
@@ -180,7 +195,7 @@ def datafile(case: Case, turn: np.ndarray) -> str:
     for index, (face, wall) in enumerate(zip(faces.tolist(), wall_faces, strict=True)):
         ends = zip(face, face[1:] + face[:1], strict=True)
         around = " ".join(str(number[a, b] if a < b else -number[b, a]) for a, b in ends)
-        what = f"constraint 1 tension {np.cos(LIQUIDS.contact_angle):.9g} color {WALL}" if wall else f"color {FREE}"
+        what = f"constraint 1 tension {np.cos(liquids.contact_angle):.9g} color {WALL}" if wall else f"color {FREE}"
         lines.append(f"{index + 1} {around} {what}")
     lines += ["bodies", f"1 {' '.join(str(index + 1) for index in range(len(faces)))} volume {1e9 * volume:.9g} "
                         f"density {-bond:.9g}", "", "read", ""]
@@ -231,7 +246,7 @@ def _smooth_maximum(a: str, b: str) -> str:
 
 CORNERS = ", ".join(f"ff.vertex[{corner}].{axis}" for corner in (1, 2, 3) for axis in "xyz")
 PRINT = f"""
-foreach facet ff where ff.color == {{wall}} do printf "{'%.9g ' * 9}\\n", {CORNERS} >> "{{file}}"
+foreach facet ff where ff.color == {{color}} do printf "{'%.9g ' * 9}\\n", {CORNERS} >> "{{file}}"
 """
 
 
