@@ -5,6 +5,7 @@
     snakemake -j2 outputs/<scene>/<level>/index.html        any scene at any level, on one page
     snakemake -j2 explorer                                  what oil touches by fill and posture, on one page
     snakemake -j2 validation                                a study of config/studies: table, figures, page
+    snakemake -j2 results                                   every number of docs/results; results_small: without long runs
     snakemake -j2 all --config accuracy=standard            finer; also 'scenes=[still_eye]', device=cuda
     snakemake -j2 outputs/<scene>/compare_draft_standard.html   what the finer level changes
     snakemake -j2 -R render                                 a stage once more
@@ -116,6 +117,7 @@ include: "rules/pages.smk"
 include: "rules/explorer.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
+include: "rules/results.smk"
 include: "rules/software.smk"
 
 

@@ -55,10 +55,11 @@ class Line:
 
 def _sphere(angle: str) -> list[Line]:
     case, published = f"oil_in_sphere-{angle}", f"oil_in_sphere-3-0.8-{angle}--35-0.1-0"
-    return [Line(f"arc_{angle}_deg", "deg", case, "arc of contact", published=published),
-            Line(f"covered_share_{angle}_deg", "1", case, "covered share of the wall", published=published),
-            Line(f"height_on_axis_{angle}_deg", "mm", case, "height on the axis / spacing", length=11.0,
-                 published=published)]
+    lines = [Line(f"arc_{angle}_deg", "deg", case, "arc of contact", published=published),
+             Line(f"height_on_axis_{angle}_deg", "mm", case, "height on the axis / spacing", length=11.0,
+                  published=published)]
+    share = Line(f"covered_share_{angle}_deg", "1", case, "covered share of the wall", published=published)
+    return [*lines, share] if angle == "18.2" else lines
 
 
 def _eye(posture: str) -> list[Line]:
@@ -93,9 +94,7 @@ LINES = {
 }
 FILLING = "filling"
 # Quantity, unit, column of the metrics, time in s, and what docs/results reads of that scene for it.
-FILLED = (("oil_volume", "mL", "volume_silicone_oil_1000 [mL]", 1.0, ""),
-          ("oil_volume", "mL", "volume_silicone_oil_1000 [mL]", 2.0, ""),
-          ("fill", "%", "fill [%]", 10.0, "fill last"),
+FILLED = (("fill", "%", "fill [%]", 10.0, "fill last"),
           ("covered_retina", "%", "retina_coverage_whole [%]", 10.0, "retina_coverage_whole last"),
           ("covered_inferior", "%", "retina_coverage_inferior [%]", 10.0, "retina_coverage_inferior last"))
 

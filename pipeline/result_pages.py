@@ -6,14 +6,18 @@
                                                           first take over the numbers of these runs
 """
 import argparse
+import contextlib
 import csv
+import fcntl
+import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import settle, table
+from pipeline.results.plan import PLAN, not_made, read_plan
 from pipeline.results.tables import FOLDER, LAYOUT, Headline, Layout, Page, Row, read_layout, read_rows, write_rows
 from pipeline.results.take_over import take_over
 
@@ -211,12 +215,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = p.parse_args(arguments)
     if options.check and options.take:
         raise UserError("--check: changes nothing, and so --take cannot be given with it")
+    with alone_in(options.project / FOLDER):
+        return written(options)
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Wait until no other process changes the tables of a folder: jobs of one workflow take numbers side by side."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: no such folder of results")
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # disks of a network that have no locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def written(options: argparse.Namespace) -> int:
+    """Take over numbers and write the pages, or compare them; return the exit code."""
     folder = options.project / FOLDER
     layout = read_layout(folder)
     rows = {page.name: read_rows(folder, page) for page in layout.pages}
     known = {"README", *rows}
     if strangers := [path for path in folder.iterdir() if path.suffix in (".md", ".csv") and path.stem not in known]:
         raise UserError(f"{strangers[0]}: belongs to no page of {LAYOUT}; remove it")
+    plan = options.project / PLAN
+    if plan.is_file() and (untold := list(not_made(read_plan(plan), rows))):
+        raise UserError(*untold)
     if options.take:
         version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
         for taken in options.take:

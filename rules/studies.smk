@@ -3,32 +3,42 @@
 The level is that of `--config accuracy=...`, or of the path: `snakemake -j2 outputs/studies/<study>/<level>/table.html`.
 """
 
+from pipeline.workflow.results import Results
 from pipeline.workflow.studies import Studies
 
 studies = Studies(flow)
+results = Results(studies)
 
+# Where all results are asked for, cases have rules of their own, by which those of cheap studies come first.
+for name, study, level, priority in [*results.case_rules(), ("study_case", "[A-Za-z0-9_]+", flow.any_level, 0)]:
+    if name != "study_case":
+        workflow.ruleorder(name, "study_case")
 
-rule study_case:
-    input:
-        lambda w: studies.inputs(w.study, w.level, w.case),
-    output:
-        directory("outputs/studies/{study}/{level}/cases/{case}"),
-    log:
-        "outputs/studies/{study}/{level}/logs/{case}.log",
-    wildcard_constraints:
-        study=r"[A-Za-z0-9_]+",
-        case=r"[A-Za-z0-9_.-]+",
-    threads: lambda w: studies.threads(w.study, w.level, w.case, cores())
-    resources:
-        mem_mb=studies.memory,
-        gpu=flow.gpus("auto"),
-    params:
-        depends=lambda w: studies.depends(w.study, w.level, w.case),
-    message:
-        "{wildcards.study} at {wildcards.level}: run {wildcards.case}"
-    shell:
-        "python -m pipeline.study {wildcards.study} --case {wildcards.case} --accuracy {wildcards.level}"
-        " --threads {threads} {flow.device} --output {output} 2>&1 | tee {log}"
+    rule:
+        name:
+            name
+        input:
+            lambda w: studies.inputs(w.study, w.level, w.case),
+        output:
+            directory("outputs/studies/{study}/{level}/cases/{case}"),
+        log:
+            "outputs/studies/{study}/{level}/logs/{case}.log",
+        wildcard_constraints:
+            study=study,
+            level=level,
+            case=r"[A-Za-z0-9_.-]+",
+        priority: priority
+        threads: lambda w: studies.threads(w.study, w.level, w.case, cores())
+        resources:
+            mem_mb=studies.memory,
+            gpu=flow.gpus("auto"),
+        params:
+            depends=lambda w: studies.depends(w.study, w.level, w.case),
+        message:
+            "{wildcards.study} at {wildcards.level}: run {wildcards.case}"
+        shell:
+            "python -m pipeline.study {wildcards.study} --case {wildcards.case} --accuracy {wildcards.level}"
+            " --threads {threads} {flow.device} --output {output} 2>&1 | tee {log}"
 
 
 for name in studies.names:

@@ -42,8 +42,9 @@ def sphere_at_rest() -> list[Line]:
     for angle in p["contact_angles"]:
         beta, apex = interface_in_sphere(p["radius"], constant, math.radians(angle), p["fill"])
         lines += [(f"arc_{angle:g}_deg", None, 360.0 - 2.0 * math.degrees(beta), "deg", 5.0, YOUNG_LAPLACE),
-                  (f"covered_share_{angle:g}_deg", None, 0.5 * (1.0 + math.cos(beta)), "1", 0.02, YOUNG_LAPLACE),
                   (f"height_on_axis_{angle:g}_deg", None, 1e3 * apex, "mm", 0.5, YOUNG_LAPLACE)]
+        if angle == p["contact_angles"][0]:
+            lines.append((f"covered_share_{angle:g}_deg", None, 0.5 * (1.0 + math.cos(beta)), "1", 0.02, YOUNG_LAPLACE))
     return lines
 
 
@@ -225,11 +226,10 @@ def sedimentation() -> list[Line]:
 
 
 def filling() -> list[Line]:
-    """Volume by the flow, the fill that was asked for, and what such a fill touches at rest, as in eye_at_rest."""
+    """The fill that was asked for, and what such a fill touches at rest, as in eye_at_rest."""
     p = parameters("filling")
     at_rest = {line[0]: line for line in eye_at_rest()}
-    lines = [("oil_volume", time, 1e6 * p["flow"] * time, "mL", 0.02, "exact: flow times time") for time in (1.0, 2.0)]
-    lines.append(("fill", p["duration"], 100.0 * p["fill"], "%", 0.5, "exact: what was asked for"))
+    lines = [("fill", p["duration"], 100.0 * p["fill"], "%", 0.5, "exact: what was asked for")]
     for part in ("retina", "inferior"):
         _, _, value, unit, tolerance, source = at_rest[f"covered_{part}_upright"]
         lines.append((f"covered_{part}", p["duration"], value, unit, tolerance, f"{source}; at rest"))

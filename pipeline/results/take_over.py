@@ -28,6 +28,7 @@ from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.units import parse_quantity
 
 STUDIES = "studies"
+SO_FAR = "so_far"  # folder with the table of a study that has not been run in full
 HOW: dict[str, Callable] = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
 TAKEN = {"wall": "s", "cpu": "s", "memory": "B"}
 COUNTED = ("spacings",)     # words for pure numbers in place of a unit
@@ -68,8 +69,10 @@ def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version:
     UserError : the folder holds no results, or none that a table wants.
     """
     folder = folder.resolve()
-    if (folder / "table.csv").is_file() and folder.parent.parent.name == STUDIES:
-        count = _from_study(folder, layout, rows, made(folder / "table.csv", version, code), add)
+    study = folder.parent if folder.name == SO_FAR else folder
+    if (folder / "table.csv").is_file() and study.parent.parent.name == STUDIES:
+        by = made(folder / "table.csv", version, code)
+        count = _from_study(folder, study.parent.name, study.name, layout, rows, by, add)
     elif (folder / "metrics.csv").is_file():
         count = _from_scene(folder, rows, made(folder / "metrics.csv", version, code))
     else:
@@ -80,8 +83,8 @@ def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version:
     return count
 
 
-def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Made, add: str) -> int:
-    study, level = folder.parent.name, folder.name
+def _from_study(folder: Path, study: str, level: str, layout: Layout, rows: dict[str, list[Row]], by: Made,
+                add: str) -> int:
     places = {(page.name, table.name): page for page in layout.pages for table in page.tables if table.study == study}
     target, _, pattern = add.partition("=")
     with (folder / "table.csv").open(newline="", encoding="utf-8") as file:

@@ -12,8 +12,8 @@ half a particle on the mean is what rounding would leave of it.
 
 Oil enters a closed tube at one end and as much aqueous leaves at the other (``sim.effects.injection``), at a speed that
 has no time to rise and fall. The tube stands upright, and the front goes down, which is the way of films, or up, or
-gravity is left out, as in theory. With the ends of the tube round (flat in two dimensions) and the first oil a plug, what is left on the wall is counted from
-one radius beyond the start of the front to two behind its end.
+gravity is left out, as in theory. With the ends of the tube round (flat in two dimensions) and the first oil a plug,
+what is left on the wall is counted from one radius beyond the start of the front to two behind its end.
 """
 import dataclasses
 from typing import Any
