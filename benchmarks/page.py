@@ -1,10 +1,12 @@
-"""Write `docs/benchmarks.md` from the tables that the benchmarks have left beside them.
+"""Write `docs/benchmarks.md` and `docs/tamponade_10.md` from the tables that the benchmarks have left beside them.
 
-    python benchmarks/page.py           write the page
-    python benchmarks/page.py --check   exit code 1 where it is not that of the tables
+    python benchmarks/page.py           write the pages
+    python benchmarks/page.py --check   exit code 1 where one is not that of the tables
 """
 import argparse
 import csv
+import importlib.util
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -14,6 +16,8 @@ from pipeline.base.markdown import settle, table
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "docs" / "benchmarks.md"
 PICTURE = PAGE.parent / "images" / "benchmark_sizes.png"
+TEN, ENTRIES = FOLDER / "tamponade-10", FOLDER / "tamponade-10" / "entries"
+TEN_PAGE = PAGE.parent / "tamponade_10.md"
 GIB = 2**30
 
 
@@ -91,12 +95,70 @@ spacing, 40 steps after the first 20. Medians of turns. Machine, here and below:
 """
 
 
+def scorer():
+    """Return `tamponade-10/score.py` as a module."""
+    specification = importlib.util.spec_from_file_location("tamponade_10_score", TEN / "score.py")
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[specification.name] = module  # dataclasses ask for it
+    specification.loader.exec_module(module)
+    return module
+
+
+def ten_page() -> str:
+    """The scores of all entries of tamponade-10."""
+    score = scorer()
+    references = score.read_references()
+    results = [score.score(path, references) for path in sorted(ENTRIES.glob("*.csv"))]
+    about = json.loads((ENTRIES / "entries.json").read_text(encoding="utf-8"))
+    words = {"processor_time": "", "wall_time": " by the clock"}
+    costs = [[case, *(", ".join(f"{value:.3g} s{words[kind]}" for kind, value in result.costs.get(case, {}).items())
+                      for result in results)] for case in references]
+    costs = [line for line in costs if any(line[1:])]
+    off = [(result.name, row.case, row.reference.name, f"{row.value:.4g}", f"{row.reference.value:.4g}",
+            f"{row.error / row.reference.tolerance:.1f}", row.reference.unit)
+           for result in results for row in result.rows if not row.holds]
+    errors = [(case, *(f"{max(row.error / row.reference.tolerance for row in result.of(case)):.2f}"
+                       if result.of(case) else "" for result in results)) for case in references]
+    names = [result.name for result in results]
+    return f"""# tamponade-10
+
+Made by `python benchmarks/page.py` from the entries in [benchmarks/tamponade-10](../benchmarks/tamponade-10/README.md),
+ten cases that any code for two liquids in an eye can enter. A line holds if it is within the tolerance of its
+reference. A case counts by the share of its lines that hold.
+
+{score.summary(results, references)}
+
+## How far off
+
+The largest error of a case, over what is allowed: below 1 all lines hold.
+
+{table(("case", *names), errors)}
+
+## What does not hold
+
+{table(("entry", "case", "line", "value", "reference", "error / allowed", "unit"), off)}
+
+In this project the film on a plate is one particle thick and slides as a whole: a real film thins, and its last third
+stays for long. The film that a front leaves is a fraction of a particle, which particles cannot show.
+
+## What it took
+
+Processor time, in seconds.
+
+{table(("case", *names), costs)}
+
+## Who entered
+
+{table(("entry", "code", "machine", "remark"), [(name, *about[name].values()) for name in names])}
+"""
+
+
 def main() -> None:
     """Command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--check", action="store_true", help="compare only")
     check = p.parse_args().check
-    if code := settle({PAGE: page()}, check, "python benchmarks/page.py"):
+    if code := settle({PAGE: page(), TEN_PAGE: ten_page()}, check, "python benchmarks/page.py"):
         sys.exit(code)
     if not check:
         shutil.copy(FOLDER / "dam_break" / "sizes.png", PICTURE)

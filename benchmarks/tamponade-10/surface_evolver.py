@@ -12,10 +12,10 @@ and mends its own triangles. The eye has no exact solution: codes.csv sets Surfa
 import argparse
 import csv
 import importlib.util
+import json
 import resource
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +30,9 @@ _JUDGE.loader.exec_module(judge)
 ANGLES = (18.2, 60.0, 120.0)
 POSTURES = {"upright": (0.0, -1.0, 0.0), "supine": (0.0, 0.0, -1.0), "prone": (0.0, 0.0, 1.0)}
 PARTS = ("retina", "inferior")
-INPUTS = ("oil.fe", "oil.cmd")
-CODES = ("code", "posture", "part", "value", "unit", "reference")
+CODES = ("Surface Evolver", "least energy with 10,242 directions", "least energy with 2,562 directions")
+COLUMNS = ("code", "posture", "part", "value", "unit", "reference")
+FOUND = "found.json"  # beside the inputs of a shape
 
 
 def sphere(angle: float):
@@ -55,53 +56,77 @@ def height_on_axis(free: np.ndarray) -> float:
     return float(heights[inside].min())
 
 
-def spheres(keep: Path) -> Iterator[tuple]:
-    """Lines of the entry of the sphere."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+def of_sphere(angle: float, folder: Path) -> dict[str, float]:
+    """Return what Surface Evolver finds in the sphere: arc, deg, covered share, and height on the axis, mm."""
+    case, before = sphere(angle), spent()
+    wall, free = judge.triangles(case, folder)
+    share = judge.covered(case, wall)["wall"] / 100.0
+    return {"arc": 2.0 * float(np.degrees(np.arccos(1.0 - 2.0 * share))), "share": share,
+            "height": 1e3 * height_on_axis(free), "seconds": spent() - before}
+
+
+def of_eye(posture: str, folder: Path) -> dict[str, float]:
+    """Return the covered shares of the eye, percent, by Surface Evolver and by the least energy of both grids."""
+    case, before = eye(posture), spent()
+    found = judge.covered(case, judge.triangles(case, folder)[0])
+    seconds = spent() - before
+    energy, coarse = judge.by_energy(case)
+    return {f"{part} {code}": float(values[part]) for part in PARTS
+            for code, values in zip(CODES, (found, energy, coarse), strict=True)} | {"seconds": seconds}
+
+
+def spent() -> float:
+    """Return the processor time of Surface Evolver so far, s."""
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+
+
+SHAPES = {f"sphere_{angle:g}": (of_sphere, angle) for angle in ANGLES} | {
+    f"eye_{posture}": (of_eye, posture) for posture in POSTURES}
+
+
+def write_entry(found: dict[str, dict[str, float]]) -> None:
+    """Write the entry, and what the codes found in the eye."""
+    lines, rows = [("case", "quantity", "time", "value", "unit")], []
     for angle in ANGLES:
-        case = sphere(angle)
-        wall, free = judge.triangles(case, keep / f"sphere_{angle:g}")
-        share = judge.covered(case, wall)["wall"] / 100.0
-        arc = 2.0 * np.degrees(np.arccos(1.0 - 2.0 * share))
-        yield f"arc_{angle:g}_deg", "", f"{arc:.5g}", "deg"
-        yield f"height_on_axis_{angle:g}_deg", "", f"{1e3 * height_on_axis(free):.5g}", "mm"
+        one = found[f"sphere_{angle:g}"]
+        lines += [("sphere_at_rest", f"arc_{angle:g}_deg", "", f"{one['arc']:.5g}", "deg"),
+                  ("sphere_at_rest", f"height_on_axis_{angle:g}_deg", "", f"{one['height']:.5g}", "mm")]
         if angle == ANGLES[0]:
-            yield f"covered_share_{angle:g}_deg", "", f"{share:.5g}", "1"
-    yield "processor_time", "", f"{resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before:.4g}", "s"
-
-
-def eyes(keep: Path, rows: list[dict[str, str]]) -> Iterator[tuple]:
-    """Lines of the entry of the eye; what both codes found goes to rows."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+            lines.append(("sphere_at_rest", f"covered_share_{angle:g}_deg", "", f"{one['share']:.5g}", "1"))
     for posture in POSTURES:
-        case = eye(posture)
-        found = judge.covered(case, judge.triangles(case, keep / f"eye_{posture}")[0])
-        energy, coarse = judge.by_energy(case)
-        for part in PARTS:
-            for code, value, counts in (("Surface Evolver", found[part], "yes"),
-                                        ("least energy with 10,242 directions", energy[part], "yes"),
-                                        ("least energy with 2,562 directions", coarse[part], "no")):
-                rows.append(dict(zip(CODES, (code, posture, part, f"{value:.4g}", "%", counts), strict=True)))
-            yield f"covered_{part}_{posture}", "", f"{found[part]:.4g}", "%"
-    yield "processor_time", "", f"{resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before:.4g}", "s"
+        one = found[f"eye_{posture}"]
+        lines += [("eye_at_rest", f"covered_{part}_{posture}", "", f"{one[f'{part} {CODES[0]}']:.4g}", "%")
+                  for part in PARTS]
+        rows += [(code, posture, part, f"{one[f'{part} {code}']:.4g}", "%", "no" if code == CODES[2] else "yes")
+                 for part in PARTS for code in CODES]
+    for case, kind in (("sphere_at_rest", "sphere"), ("eye_at_rest", "eye")):
+        seconds = sum(one["seconds"] for name, one in found.items() if name.startswith(kind))
+        lines.append((case, "processor_time", "", f"{seconds:.4g}", "s"))
+    for path, table in ((HERE / "entries" / "surface_evolver.csv", lines),
+                        (HERE / "eye_at_rest" / "codes.csv", [COLUMNS, *rows])):
+        with path.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(table)
 
 
 def main() -> None:
-    """Run; see the head of the file."""
+    """Run the command; see the head of the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, required=True, help="folder for its inputs and logs")
-    keep = parser.parse_args().keep.resolve()
+    parser.add_argument("--keep", type=Path, required=True, help="folder for inputs, logs and what was found")
+    parser.add_argument("--shape", choices=SHAPES, help="one shape (default: all that are missing, then the tables)")
+    options = parser.parse_args()
     if shutil.which(judge.PROGRAM) is None:
         raise SystemExit(f"there is no program {judge.PROGRAM} (Debian: apt-get install evolver-nox)")
-    rows: list[dict[str, str]] = []
-    lines = [("sphere_at_rest", *line) for line in spheres(keep)]
-    lines += [("eye_at_rest", *line) for line in eyes(keep, rows)]
-    with (HERE / "entries" / "surface_evolver.csv").open("w", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([("case", "quantity", "time", "value", "unit"), *lines])
-    with (HERE / "eye_at_rest" / "codes.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, CODES, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    found = {}
+    for name in [options.shape] if options.shape else SHAPES:
+        path = options.keep.resolve() / name / FOUND
+        if not path.is_file():
+            run, what = SHAPES[name]
+            done = run(what, path.parent)
+            path.write_text(json.dumps(done, indent=1) + "\n")
+        found[name] = json.loads(path.read_text())
+        print(name, found[name], flush=True)
+    if not options.shape:
+        write_entry(found)
 
 
 if __name__ == "__main__":

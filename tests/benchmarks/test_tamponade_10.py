@@ -206,9 +206,3 @@ def test_what_is_published_at_a_level_is_entered(tmp_path):
     assert {line[1] for line in lines} >= {"fill", "covered_retina"}
     arc = benchmark_entry.LINES["sphere_at_rest"][0]
     assert benchmark_entry.value_of(arc, {}, published) == pytest.approx(184.0, abs=5.0)
-
-
-def test_the_page_of_the_scores_is_that_of_the_entries():
-    page = ROOT / "docs" / "tamponade_10.md"
-    results = [score.score(path, TABLES) for path in sorted((FOLDER / "entries").glob("*.csv"))]
-    assert score.summary(results, TABLES) in page.read_text()
