@@ -116,8 +116,8 @@ def developed(light: np.ndarray) -> np.ndarray:
 class _Builder:
     """Descriptions of shapes for Mitsuba.
 
-    It makes the objects of them itself: one that Python has held is counted under Python's lock at every turn of a path,
-    so that threads would wait for each other.
+    It makes the objects of them itself: one that Python has held is counted under Python's lock at every turn of a
+    path, so that threads would wait for each other.
     """
 
     def __init__(self, mitsuba, look: Look, textures: dict[str, np.ndarray], folder: Path):
@@ -138,10 +138,13 @@ class _Builder:
         """Mesh of a part with its material, and the liquids on either side."""
         import meshio
 
-        data = {} if part.normals is None else dict(zip(("nx", "ny", "nz"), np.float32(part.normals).T, strict=True))
+        data: dict[str, np.ndarray] = {}
+        if part.normals is not None:
+            data |= zip(("nx", "ny", "nz"), part.normals.T.astype(np.float32), strict=True)
         if part.places is not None:
-            data |= dict(zip("uv", np.float32(part.places).T, strict=True))
-        meshio.Mesh(np.float32(part.points), [("triangle", np.int32(part.triangles))], point_data=data).write(path)
+            data |= zip("uv", part.places.T.astype(np.float32), strict=True)
+        meshio.Mesh(part.points.astype(np.float32), [("triangle", part.triangles.astype(np.int32))],
+                    point_data=data).write(path)
         return {"type": "ply", "filename": str(path), "bsdf": self._material(part),
                 **{side: {"type": "ref", "id": name} for side, name in self._sides(part.name).items()}}
 
