@@ -20,7 +20,7 @@ COMPILED = ROOT / ".pytest_cache" / "taichi"
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
-LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
+LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast")
 
 
 NOT_FOUND = pytest.StashKey[list[str]]()  # lines of thorough.txt that name no test
@@ -76,7 +76,7 @@ def taichi():
 @pytest.fixture
 def nothing_planned() -> Iterator[None]:
     """Let no study be known from the folder of another test: a process keeps what it has read."""
-    from pipeline.study_kit import plan
+    from pipeline.studies import plan
 
     kept = plan.cached_study, plan.cached_scene, plan.project_materials, plan._scene_text, plan._code_digest
     for one in kept:
@@ -119,7 +119,7 @@ def hear_interrupts() -> None:
 class Project:
     """A copy of the project: its own configuration and outputs, the code itself linked."""
 
-    LINKED = ("pipeline", "sim", "docs")
+    LINKED = ("pipeline", "sim", "studies", "docs")
     COPIED = ("config", "profiles", "rules", "Snakefile")
 
     def __init__(self, folder: Path):

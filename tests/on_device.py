@@ -10,7 +10,7 @@ import cavities
 import free_surface
 import numpy as np
 
-from pipeline.studies import determinism
+from studies.validation import determinism
 
 HEIGHT = 0.04  # m, of the still tank
 STEPS = 10  # before the state that is continued, and after it

@@ -7,7 +7,7 @@ import forked
 import pytest
 
 from pipeline.scenes.folders import scene_paths
-from pipeline.study_kit.plan import study_names
+from pipeline.studies.plan import study_names
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [path for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md"))

@@ -18,7 +18,8 @@ from sim.schemes import REGISTRY as SCHEMES
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
 METHODS = ROOT / "docs" / "methods"
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
-FOLDERS = ("sim", "pipeline", "tests", "benchmarks", "config", "rules", "docs", "profiles")
+FOLDERS = ("sim", "pipeline", "studies", "tests", "benchmarks", "config", "rules", "docs", "profiles")
+CODE = ("sim", "pipeline", "studies")
 KINDS = {".py", ".yaml", ".json", ".smk", ".md", ".rst"}
 HEADINGS = ["What it does", "Equations", "Source", "What differs, and why", "Validated by"]
 
@@ -94,9 +95,9 @@ def equations() -> dict[str, str]:
 
 @cache
 def code_names() -> frozenset[str]:
-    """Every name in `sim` and `pipeline`, fields and keys that are strings among them."""
+    """Every name in the code, fields and keys that are strings among them."""
     names = set()
-    for folder in ("sim", "pipeline"):
+    for folder in CODE:
         for path in (ROOT / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text())):
                 names |= {value for value in (getattr(node, "id", None), getattr(node, "attr", None),
@@ -160,7 +161,7 @@ def test_equations_have_numbers_of_their_own():
 def test_equations_that_are_cited_exist_on_the_page_that_is_named():
     wrong = []
     for path in files():
-        if path.suffix == ".py" and path.parts[len(ROOT.parts)] in ("sim", "pipeline"):
+        if path.suffix == ".py" and path.parts[len(ROOT.parts)] in CODE:
             text = words(path)
             wrong += [f"{place(path)}: ({number})" for number in EQUATION.findall(text)
                       if number not in equations() or f"docs/methods/{equations()[number]}.md" not in text]

@@ -15,10 +15,11 @@ from pathlib import Path
 from pipeline.base.files import replacing
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("pipeline", "sim")
+PACKAGES = ("pipeline", "sim", "studies")
+OWN = "config"  # of the folder that somebody works in, with families of cases of his own
 # These only speak to the user, or hold what others say.
 WITHOUT_INFLUENCE = ("pipeline.base.cli", "pipeline.base.errors", "pipeline.base.progress",
-                     "pipeline.scenes.memory_check", "pipeline.study_kit.family")
+                     "pipeline.scenes.memory_check", "pipeline.studies.family")
 # What is said of a scene before it is run counts for the modules that end in words, by the first of these, no others:
 # they know neither these files, nor the hooks of effects and schemes that are read by them, nor their checks.
 ADVICE = ("pipeline.advice.rules", "sim.advice", "sim.effects.parts.viscous_advice")
@@ -57,7 +58,7 @@ def code_used(module: str, chosen: Iterable[str] = ()) -> str:
     before = len(_known())
     used = modules_used(module, chosen)
     speaks = _file(ADVICE[0]) in used
-    text = "".join(f"{path.relative_to(ROOT)}\n{_meaning(path, speaks)}\n" for path in used)
+    text = "".join(f"{_told(path)}\n{_meaning(path, speaks)}\n" for path in used)
     if len(_known()) > before and not sys.dont_write_bytecode:
         with contextlib.suppress(OSError), replacing(KNOWN) as partial:     # without it the next process parses again
             partial.write_text(json.dumps(_known()), encoding="utf-8")
@@ -65,7 +66,7 @@ def code_used(module: str, chosen: Iterable[str] = ()) -> str:
 
 
 def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
-    """Return the files of this project that ``module`` imports, directly or not, sorted by path.
+    """Return the files of this project or of its user that ``module`` imports, directly or not, sorted by path.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
             waiting += [f"{name}.{choice}" for choice in chosen if _file(f"{name}.{choice}")]
             continue
         found[name] = path
-        for imported in _imports(path):
+        for imported in _imports(name, path):
             if imported in ADVICE and name.startswith("pipeline."):
                 read.add(imported)
             runs = (name.startswith("sim.") and name not in NAMES_ONLY) or name in ASKING
@@ -100,16 +101,24 @@ def modules_used(module: str, chosen: Iterable[str] = ()) -> list[Path]:
 
 def _file(name: str) -> Path | None:
     """The file of a module of this project, or ``None``."""
-    if name.split(".")[0] not in PACKAGES:
+    parts = name.split(".")
+    if parts[0] not in (*PACKAGES, OWN):
         return None
-    path = ROOT.joinpath(*name.split("."))
+    path = (Path.cwd() if parts[0] == OWN else ROOT).joinpath(*parts)
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return next((file for file in candidates if file.is_file()), None)
 
 
-def _imports(path: Path) -> Iterator[str]:
-    """Names that a file imports, wherever in the file; ``from a import b`` may mean ``a`` or ``a.b``."""
+def _told(path: Path) -> Path:
+    """The path of a file, without where this project, or the folder that somebody works in, is."""
+    return path.relative_to(ROOT if path.is_relative_to(ROOT) else Path.cwd())
+
+
+def _imports(name: str, path: Path) -> Iterator[str]:
+    """Names that a module imports, wherever in its file; ``from a import b`` may mean ``a`` or ``a.b``."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     for module, names in _facts(path)["imports"]:
+        module = importlib.util.resolve_name(module, package) if module.startswith(".") else module
         submodules = [f"{module}.{name}" for name in names]
         yield from (name for name in submodules if _file(name))
         if not submodules or not all(map(_file, submodules)):
@@ -155,8 +164,9 @@ def _read(code: str) -> dict:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             imports += [(alias.name, []) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            imports.append((node.module, [alias.name for alias in node.names]))
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            imports.append((module, [alias.name for alias in node.names]))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
         if isinstance(node, ast.Module | ast.ClassDef):

@@ -10,7 +10,7 @@ from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of, icosphere, parents
 from pipeline.equilibrium.wetting import Wetting
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.young_laplace import oil_at_rest
+from studies.validation.kit.young_laplace import oil_at_rest
 
 RADIUS = 0.011
 UPRIGHT = np.array([0.0, -1.0, 0.0])

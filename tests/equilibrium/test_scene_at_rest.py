@@ -14,7 +14,7 @@ from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import AT_REST
 from pipeline.simulation.solver_setup import build_solver, initial_phases
-from pipeline.studies.rest_by_simulation import PARTS, retina_covered
+from studies.validation.rest_by_simulation import PARTS, retina_covered
 
 FILL = 0.85
 

@@ -33,8 +33,8 @@ from pipeline.forecast.step_error import step_errors
 from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.simulation.solver_setup import build_solver
-from pipeline.study_kit.plan import load_study
-from pipeline.study_kit.tradeoff import orders_of, points_of
+from pipeline.studies.plan import load_study
+from pipeline.studies.tradeoff import orders_of, points_of
 
 SCENES = ROOT / "config" / "scenes"
 LEVELS = tuple(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))

@@ -190,7 +190,7 @@ def test_installed_files_run_outside_the_project(tmp_path):
     site, home = tmp_path / "site", tmp_path / "home"
     home.mkdir()
     ignore = shutil.ignore_patterns("__pycache__")
-    for name in ("pipeline", "sim"):
+    for name in ("pipeline", "sim", "studies"):
         shutil.copytree(ROOT / name, site / name, ignore=ignore)
     for name in ("config", "profiles", "rules"):
         shutil.copytree(ROOT / name, site / "pipeline" / "project" / name)

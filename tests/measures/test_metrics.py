@@ -22,13 +22,13 @@ from pipeline.measures.frame_view import Measured
 from pipeline.measures.shown import columns_by_metric, shown_metrics
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Material, Output, Scene
-from pipeline.study_kit.tank import cavity
-from pipeline.study_kit.young_laplace import oil_at_rest
 from sim.effects.contact_line_emulsification import ContactLineEmulsificationParameters
 from sim.effects.diffusion import DiffusionParameters
 from sim.effects.eye_rotation import EyeRotationParameters, Saccade
 from sim.effects.interface_tension import InterfaceTensionParameters
 from sim.settings import Numerics
+from studies.validation.kit.tank import cavity
+from studies.validation.kit.young_laplace import oil_at_rest
 
 RADIUS = 0.011
 SPACING = 8e-4

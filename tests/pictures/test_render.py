@@ -428,8 +428,8 @@ def test_no_display_is_asked_for(tmp_path, opengl, display):
 
 
 def test_windows_have_one_owner():
-    """Nothing below pipeline/ makes a window of pyvista or VTK, but pipeline/pictures/opengl.py."""
-    found = [path.name for path in (ROOT / "pipeline").rglob("*.py")
+    """Nothing below pipeline/ and studies/ makes a window of pyvista or VTK, but pipeline/pictures/opengl.py."""
+    found = [path.name for room in ("pipeline", "studies") for path in (ROOT / room).rglob("*.py")
              if re.search(r"\bPlotter\(|RenderWindow\(|off_screen=True", path.read_text())]
     assert found == ["opengl.py"]
 

@@ -12,8 +12,9 @@ from pipeline.base.errors import UserError
 from pipeline.result_pages import main
 from pipeline.results.tables import read_layout, read_rows, write_rows
 from pipeline.scenes.load import load_scene
-from pipeline.study_kit import moved_oil_page, shed_droplets_page
-from pipeline.study_kit.model import COLUMNS as STUDY_COLUMNS
+from pipeline.studies.model import COLUMNS as STUDY_COLUMNS
+from studies.questions.moved_oil import moved_oil_page
+from studies.questions.shed_droplets import shed_droplets_page
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -14,8 +14,8 @@ from pipeline.scenes.checks import TAKEN
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.reader import MOST_MESSAGES
 from pipeline.scenes.yaml_files import MOST_BYTES
+from pipeline.studies.plan import load_study
 from pipeline.study import OUTPUTS as STUDY_OUTPUTS
-from pipeline.study_kit.plan import load_study
 
 BOX = ("dimension: 2\nliquids: [aqueous]\ncontainer: {size: [1, 1]}\n"
        "numerics: {particle_spacing: 0.01, scheme: dfsph}\noutput: {duration: 1}\n")

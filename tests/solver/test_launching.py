@@ -124,7 +124,7 @@ def test_kernels_are_found_again_after_a_new_start_of_taichi():
 
 
 def test_all_classes_with_kernels_launch_them_so():
-    own = (path for room in ("sim", "pipeline") for path in (ROOT / room).rglob("*.py"))
+    own = (path for room in ("sim", "pipeline", "studies") for path in (ROOT / room).rglob("*.py"))
     assert [path for path in own if re.search(r"^ *@ti\.data_oriented", path.read_text(), re.MULTILINE)] == []
 
 

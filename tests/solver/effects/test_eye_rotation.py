@@ -7,10 +7,10 @@ import pytest
 
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.wall_shear import wall_shear_stress
-from pipeline.studies import turned_sphere
-from pipeline.study_kit.tank import Run
 from sim.effects.eye_rotation import EyeRotationParameters, Oscillation, Saccade
 from sim.settings import Liquid
+from studies.validation import turned_sphere
+from studies.validation.kit.tank import Run
 
 OUT = (0.0, 0.0, 1.0)  # axis in two dimensions
 WATER = Liquid("water", 1000.0, 0.0)

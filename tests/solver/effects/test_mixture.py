@@ -7,9 +7,9 @@ import cavities
 import numpy as np
 import pytest
 
-from pipeline.studies import diffusion, drift_drag, mixing_bounds, sedimentation
 from sim.errors import RunError
 from sim.settings import Liquid
+from studies.validation import diffusion, drift_drag, mixing_bounds, sedimentation
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

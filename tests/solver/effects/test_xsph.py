@@ -7,9 +7,9 @@ import pytest
 
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_scene
-from pipeline.studies import shear_wave
 from sim.effects.xsph import Xsph, kinematic_viscosity
 from sim.settings import Liquid
+from studies.validation import shear_wave
 
 pytestmark = pytest.mark.usefixtures("anew")
 SPACING = cavities.SPACING
