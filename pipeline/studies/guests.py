@@ -55,7 +55,8 @@ def guest(module: str) -> ModuleType:
     except UserError:
         raise
     except Exception as error:
-        raise UserError(f"{_place(error)}: cannot be imported: {type(error).__name__}: {error}") from error
+        why = error.msg if isinstance(error, SyntaxError) else error
+        raise UserError(f"{_place(error)}: cannot be imported: {type(error).__name__}: {why}") from error
 
 
 def _modules() -> dict[str, str]:
@@ -91,8 +92,8 @@ def _let_import_own() -> None:
 
 def _place(error: Exception) -> str:
     """File and line of somebody's own that an error came up in."""
-    if isinstance(error, SyntaxError) and error.filename:
-        return f"{error.filename}, line {error.lineno}"
-    own = [frame for frame in traceback.extract_tb(error.__traceback__)
-           if Path(frame.filename).is_relative_to(STUDIES.resolve())]
-    return f"{own[-1].filename}, line {own[-1].lineno}" if own else str(STUDIES)
+    places = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
+    if isinstance(error, SyntaxError):
+        places.append((error.filename, error.lineno))
+    own = [(STUDIES / Path(name).name, line) for name, line in places if Path(name).parent == STUDIES.resolve()]
+    return "{}, line {}".format(*own[-1]) if own else str(STUDIES)

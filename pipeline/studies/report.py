@@ -15,6 +15,7 @@ from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
 from pipeline.studies.model import COLUMNS, FAILED, OUTCOME, Curve, Figure, Outcome
 from pipeline.studies.plan import Case, Study
+from pipeline.studies.tradeoff import unasked, write_tradeoff
 
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
@@ -67,8 +68,6 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
     failed = [outcome for outcome in outcomes if outcome.failure]
     found = [outcome for outcome in outcomes if not outcome.failure]
     if study.report == "tradeoff":
-        from pipeline.studies.tradeoff import unasked, write_tradeoff  # the solver takes a second to import
-
         with_result = dataclasses.replace(study, cases={one.case: study.case(one.case) for one in found})
         found = write_tradeoff(with_result, found, target) + [unasked(outcome) for outcome in found]
     in_short = study.page.in_short(found) if study.page and complete else []
