@@ -10,6 +10,8 @@ from pipeline.studies.guests import family_modules, guest
 from pipeline.studies.model import Figure, Outcome
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "no influence"
+
 
 @dataclasses.dataclass(frozen=True)
 class Headline:
