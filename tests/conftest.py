@@ -9,9 +9,9 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
+from helpers import forked
 
 ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
@@ -171,7 +171,7 @@ def project(tmp_path) -> Project:
 @pytest.fixture(scope="session")
 def circle() -> dict[str, np.ndarray]:
     """Return the arrays of a packed circle of ten spacings."""
-    from cavities import RADIUS, cavity
+    from helpers.cavities import RADIUS, cavity
 
     from sim.runtime import initialize
 
@@ -180,7 +180,7 @@ def circle() -> dict[str, np.ndarray]:
 
 
 def _bare():
-    from cavities import RADIUS, build, cavity
+    from helpers.cavities import RADIUS, build, cavity
 
     solver = build(cavity("circle", RADIUS))
     return solver, solver.state()
@@ -189,7 +189,7 @@ def _bare():
 @pytest.fixture
 def bare(taichi):
     """Return a solver without any effect in the circle, and its state at rest."""
-    from cavities import shared
+    from helpers.cavities import shared
 
     return shared(_bare)
 
@@ -202,8 +202,8 @@ def elsewhere(circle, tmp_path_factory):
 
     def advanced(precision: str, threads: int, case: str) -> dict[str, np.ndarray]:
         target = folder / f"{precision}_{threads}_{case}.npz"
-        subprocess.run([sys.executable, "tests/cavities.py", precision, str(threads), folder / "circle.npz", target,
-                        case], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+        subprocess.run([sys.executable, "-m", "helpers.cavities", precision, str(threads), folder / "circle.npz",
+                        target, case], cwd=ROOT / "tests", env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
         return dict(np.load(target))
 
     return advanced

@@ -3,8 +3,8 @@ import re
 import shlex
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.scenes.folders import scene_paths
 from pipeline.studies.plan import study_names

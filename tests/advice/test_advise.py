@@ -5,10 +5,10 @@ import math
 import shutil
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.advice.dimensionless_numbers import Scales
 from pipeline.advice.report import html_of, json_of, report_of, text_of

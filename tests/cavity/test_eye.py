@@ -3,13 +3,13 @@ import dataclasses
 import json
 import subprocess
 
-import forked
 import meshio
 import numpy as np
 import pytest
 import pyvista
 import trimesh
 from conftest import ROOT
+from helpers import forked
 
 from pipeline import eye as stage
 from pipeline.base.errors import UserError

@@ -1,11 +1,11 @@
 """Eyes of patients: buckle, staphyloma, anterior chamber, landmarks of a mesh, and what is refused."""
 import json
 
-import forked
 import numpy as np
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.landmarks import laid

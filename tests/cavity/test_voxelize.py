@@ -2,11 +2,11 @@
 import dataclasses
 import json
 
-import forked
 import numpy as np
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers import forked
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError

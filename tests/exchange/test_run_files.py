@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline import export, index_run
 from pipeline.base import palette

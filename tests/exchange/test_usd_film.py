@@ -10,7 +10,7 @@ import pytest
 import pyvista
 import trimesh
 from conftest import ROOT
-from synthetic_frames import frame_of
+from helpers.synthetic_frames import frame_of
 from test_run_files import OIL
 
 from pipeline import export

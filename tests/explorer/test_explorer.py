@@ -6,9 +6,9 @@ import shutil
 import subprocess
 from types import SimpleNamespace
 
-import headless_browser
 import numpy as np
 import pytest
+from helpers import headless_browser
 
 import pipeline
 from pipeline.base.errors import UserError

@@ -5,9 +5,9 @@ the other; a third has none. Fields are those that Taichi has laid out, kernels 
 """
 import dataclasses
 
-import cavities
 import pytest
-from effect_cases import ACTIVE, BESIDE, DROPLETS, RADIUS, THICK, THIN
+from helpers import cavities
+from helpers.effect_cases import ACTIVE, BESIDE, DROPLETS, RADIUS, THICK, THIN
 from taichi.lang.kernel_impl import Func
 
 from pipeline.effect_costs import COLUMNS, absent, add_up, page_of

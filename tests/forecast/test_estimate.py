@@ -10,10 +10,10 @@ import re
 import subprocess
 import sys
 
-import forked
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import forked
 
 from pipeline import cost
 from pipeline.base.errors import UserError

@@ -1,10 +1,10 @@
 """Memory: what is foretold is what a solver allocates, and a scene that does not fit is refused in one sentence."""
 import gc
 
-import cavities
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers import cavities
 
 from pipeline.base import memory
 from pipeline.base.errors import UserError

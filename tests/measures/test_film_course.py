@@ -3,7 +3,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-import synthetic_frames
+from helpers import synthetic_frames
 
 from pipeline import metrics
 from pipeline.base.frame_files import frame_path, write_frame

@@ -3,10 +3,9 @@ import dataclasses
 import itertools
 import re
 
-import color_vision
 import numpy as np
 import pytest
-import synthetic_frames
+from helpers import color_vision, synthetic_frames
 
 from pipeline import metrics
 from pipeline.base import palette

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import pyvista
-import synthetic_frames
+from helpers import synthetic_frames
 
 from pipeline import metrics
 from pipeline.base.errors import UserError

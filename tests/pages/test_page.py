@@ -5,12 +5,12 @@ import io
 import json
 import re
 
-import headless_browser
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import headless_browser
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from PIL import Image
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline import metrics, movie, page
 from pipeline.base.errors import UserError

@@ -4,11 +4,11 @@ import dataclasses
 import itertools
 import subprocess
 
-import headless_browser
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import headless_browser
 from PIL import Image
 
 from pipeline import movie

@@ -7,14 +7,13 @@ import subprocess
 import sys
 import time
 
-import color_vision
-import forked
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import color_vision, forked
+from helpers.synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 from PIL import Image
-from synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 
 from pipeline import movie, render
 from pipeline.base import cli, palette

@@ -1,10 +1,10 @@
 """The stage plan: fills that cover a break, what cannot be covered, and wrong input as one sentence."""
 import functools
 
-import forked
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation

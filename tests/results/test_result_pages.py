@@ -5,8 +5,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.result_pages import main

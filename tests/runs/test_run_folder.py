@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import pyvista
 from conftest import ROOT
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from PIL import Image
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 import pipeline
 from pipeline import compare, cost, export

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 from conftest import ROOT
+from helpers.synthetic_frames import make_frame
 from PIL import Image
-from synthetic_frames import make_frame
 
 from pipeline.base import cli, files
 from pipeline.base.frame_files import frame_path, write_frame

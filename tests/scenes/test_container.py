@@ -4,13 +4,13 @@ import json
 import shutil
 from types import MappingProxyType
 
-import forked
 import numpy as np
 import pytest
 import pyvista
 from conftest import ROOT
+from helpers import forked
+from helpers.synthetic_frames import frame_of
 from PIL import Image
-from synthetic_frames import frame_of
 
 from pipeline import render
 from pipeline.base.errors import UserError

@@ -5,8 +5,8 @@ import math
 import shutil
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.scene import main

@@ -1,9 +1,9 @@
 """What of a scene is left out or done cheaper: the rules, one by one, and that the log says so."""
 import dataclasses
 
-import cavities
 import pytest
-from effect_cases import ACTIVE, BESIDE, INVISCID, SHEDDING, ZERO
+from helpers import cavities
+from helpers.effect_cases import ACTIVE, BESIDE, INVISCID, SHEDDING, ZERO
 
 from pipeline.cavity.container import container_arrays
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene

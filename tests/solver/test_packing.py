@@ -1,7 +1,7 @@
 """Packing: even compression between curved walls, nothing outside, input order kept."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 from scipy.spatial import cKDTree
 
 from pipeline.cavity.shapes import shape_arrays

@@ -1,9 +1,9 @@
 """A channel whose ends are one: where it is cut does not matter."""
 import math
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.settings import Liquid
 

@@ -1,9 +1,9 @@
 """The pressure equation against matrices assembled by hand from all pairs, without neighbor rows."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.settings import Liquid
 

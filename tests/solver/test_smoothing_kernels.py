@@ -1,7 +1,7 @@
 """Smoothing kernels: integral, gradient, support and range, in 2D and 3D, in single and double precision."""
 import numpy as np
 import pytest
-from kernel_samples import CASES, sample_kernels
+from helpers.kernel_samples import CASES, sample_kernels
 
 
 @pytest.fixture(scope="module")

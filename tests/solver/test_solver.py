@@ -4,9 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
@@ -280,7 +280,7 @@ def test_a_solver_that_runs_out_of_room_goes_on_with_more_and_computes_the_same(
 import sys
 from pathlib import Path
 import numpy as np
-import cavities
+from helpers import cavities
 from pipeline.simulate import Runner, restore
 from sim.errors import OutOfRoom
 from sim.runtime import initialize

@@ -1,7 +1,7 @@
 """Cells cut along the wall: closed whatever the fields, and exact where these are flat."""
 import numpy as np
 import pytest
-from synthetic_frames import RADIUS, ball
+from helpers.synthetic_frames import RADIUS, ball
 from test_reconstruct import assert_closed
 
 from pipeline.surfaces.bricks import Bricks, spline_range

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from scipy.spatial import cKDTree
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline import reconstruct
 from pipeline.base.errors import UserError

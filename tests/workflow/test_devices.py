@@ -6,13 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
-from cavities import SPACING, part
 from conftest import ROOT
-from free_surface import DAM_WIDTH, GRAVITY
-from on_device import HEIGHT
+from helpers import forked
+from helpers.cavities import SPACING, part
+from helpers.free_surface import DAM_WIDTH, GRAVITY
+from helpers.on_device import HEIGHT
 
 from pipeline.base.errors import UserError
 from pipeline.scenes import devices as chosen
@@ -125,8 +125,9 @@ def states(folder: Path, *cases: str) -> dict[str, dict[str, np.ndarray]]:
     if devices._trial("vulkan") == ABSENT:
         pytest.skip("no Vulkan on this machine: install mesa-vulkan-drivers (./run test does, or tells how)")
     for device in ("cpu", "vulkan"):
-        subprocess.run([sys.executable, "tests/on_device.py", device, folder / "shared.npz", folder / f"{device}.npz",
-                        *cases], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+        subprocess.run([sys.executable, "-m", "helpers.on_device", device, folder / "shared.npz",
+                        folder / f"{device}.npz", *cases], cwd=ROOT / "tests",
+                       env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
     return {device: dict(np.load(folder / f"{device}.npz")) for device in ("cpu", "vulkan")}
 
 

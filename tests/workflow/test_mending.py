@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from snakemake_output import TRACE
-from synthetic_frames import make_frame
+from helpers.snakemake_output import TRACE
+from helpers.synthetic_frames import make_frame
 
 from pipeline.base.frame_files import frame_path, save_checkpoint, write_frame
 from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged

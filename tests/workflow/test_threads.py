@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import forked
 import pytest
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.base import threads
 from pipeline.base.errors import UserError

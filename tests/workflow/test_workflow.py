@@ -11,11 +11,11 @@ import subprocess
 import time
 import types
 
-import forked
 import numpy as np
 import pytest
 from conftest import ROOT, Project
-from snakemake_output import TRACE, planned
+from helpers import forked
+from helpers.snakemake_output import TRACE, planned
 
 import pipeline
 from pipeline.base import digest as code_digest

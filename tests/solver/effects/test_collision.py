@@ -2,10 +2,10 @@
 import dataclasses
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
+from helpers import cavities
 from scipy.spatial import ConvexHull as Qhull
 from scipy.spatial import QhullError, cKDTree
 

@@ -1,9 +1,9 @@
 """The contract over every effect, and what single effects do to given particles."""
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
-from effect_cases import ACTIVE, DROPLETS, INVISCID, RADIUS, THICK, THIN, ZERO
+from helpers import cavities
+from helpers.effect_cases import ACTIVE, DROPLETS, INVISCID, RADIUS, THICK, THIN, ZERO
 
 from sim.effects import REGISTRY
 from sim.effects.cohesion import MEASURED, CohesionParameters

@@ -1,9 +1,9 @@
 """Emulsification at the contact line: where droplets form, how many, and that nothing else changes."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.advice.report import report_of
 from pipeline.pictures.paint import OF_OIL

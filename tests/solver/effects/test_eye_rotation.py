@@ -1,9 +1,9 @@
 """The eye that turns: its movements, the forces in its frame, and the stress at its wall."""
 from types import SimpleNamespace
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.wall_shear import wall_shear_stress

@@ -3,9 +3,9 @@ import dataclasses
 import math
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.simulation.runner import Runner, restore
 from sim.effects.injection import LARGEST, SMALLEST

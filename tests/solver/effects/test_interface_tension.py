@@ -1,7 +1,7 @@
 """Interface tension: pressure jump of drops, currents that die away, and the contact angle at the wall."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.effects import REGISTRY
 from sim.effects.parts.level_set import SPLAT_RADIUS

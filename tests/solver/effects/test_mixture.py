@@ -3,9 +3,9 @@
 Short versions of the families `diffusion`, `sedimentation` and `drift_drag` of the study `validation`.
 Particles do not move where nothing else is said.
 """
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.errors import RunError
 from sim.settings import Liquid

@@ -1,8 +1,8 @@
 """Maxwell liquids against exact solutions, and what their forces keep."""
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
+from helpers import cavities
 from scipy.optimize import curve_fit
 
 from sim.effects.viscoelastic import ElasticLiquid, Viscoelastic, ViscoelasticParameters

@@ -1,9 +1,9 @@
 """XSPH viscosity: momentum, energy, the viscosity that a coefficient stands for, walls, and what it costs in steps."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_scene

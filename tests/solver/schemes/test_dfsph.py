@@ -1,10 +1,10 @@
 """Divergence-free SPH: weight, momentum, convergence of both solves, restarts, a dam that breaks, every effect."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import GRAVITY, assert_runs, dam, dam_front, depth_and_weight, drop, full_box, still_tank
+from helpers import cavities
+from helpers.free_surface import GRAVITY, assert_runs, dam, dam_front, depth_and_weight, drop, full_box, still_tank
 
 from sim.effects import REGISTRY
 from sim.schemes.dfsph import DFSPH, DFSPHParameters

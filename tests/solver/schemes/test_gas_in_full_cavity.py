@@ -1,10 +1,10 @@
 """Gas beside water in a full cavity: pressures shared by density (P13)."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from cavities import build, cavity, parameters
+from helpers import cavities
+from helpers.cavities import build, cavity, parameters
 
 from sim.schemes.volume_incompressible import SOFTENED
 from sim.settings import Liquid

@@ -1,7 +1,7 @@
 """Two layers at rest: the pressure of their weight, and hardly any motion."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 from scipy.spatial import cKDTree
 
 from sim.settings import Liquid

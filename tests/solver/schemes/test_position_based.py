@@ -1,7 +1,7 @@
 """Position-based fluids: volume, momentum, layers, pressure, dam break and walls."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 from scipy.spatial import ConvexHull, cKDTree
 
 from sim.effects import REGISTRY

@@ -1,9 +1,9 @@
 """The start of a run: what the packing of a full cavity has left does not become motion."""
 import math
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -1,7 +1,7 @@
 """Volume-incompressible SPH in a full cavity: the pressure that moving liquid carries from step to step."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.schemes.volume_incompressible import SOFTENED
 

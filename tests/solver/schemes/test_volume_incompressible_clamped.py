@@ -1,10 +1,10 @@
 """Volume-incompressible SPH with pressures p >= 0: free surfaces."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import (
+from helpers import cavities
+from helpers.free_surface import (
     GRAVITY,
     assert_bounded,
     assert_runs,

@@ -1,10 +1,20 @@
 """Weakly compressible SPH: weight, momentum, restarts, speed of sound, a dam that breaks, every effect."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import GRAVITY, WATER, assert_runs, dam, dam_front, drop, full_box, hydrostatic_error, still_tank
+from helpers import cavities
+from helpers.free_surface import (
+    GRAVITY,
+    WATER,
+    assert_runs,
+    dam,
+    dam_front,
+    drop,
+    full_box,
+    hydrostatic_error,
+    still_tank,
+)
 
 from sim.effects import REGISTRY
 from sim.schemes.wcsph import MACH, WCSPH, WCSPHParameters

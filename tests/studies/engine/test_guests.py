@@ -3,9 +3,9 @@ import csv
 import sys
 from pathlib import Path
 
-import forked
 import pytest
-from snakemake_output import planned
+from helpers import forked
+from helpers.snakemake_output import planned
 
 from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError

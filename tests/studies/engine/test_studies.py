@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from snakemake_output import TRACE, planned
+from helpers.snakemake_output import TRACE, planned
 
 from pipeline import study_report
 from pipeline.base.digest import modules_used

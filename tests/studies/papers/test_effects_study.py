@@ -4,7 +4,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import ROOT
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline.scenes.load import load_scene
 from pipeline.studies.plan import load_study

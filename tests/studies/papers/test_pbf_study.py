@@ -1,9 +1,9 @@
 """The study of position-based fluids: its measures of given particles, its references and its command line."""
 
-import forked
 import numpy as np
 import pytest
-from synthetic_frames import SPACING, frame_of
+from helpers import forked
+from helpers.synthetic_frames import SPACING, frame_of
 
 from studies.papers import position_based as study
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from PIL import Image
 from scipy.spatial import cKDTree
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame

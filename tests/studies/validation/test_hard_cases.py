@@ -1,11 +1,11 @@
 """Runs that go bad on purpose are diagnosed, violent ones go on in small steps, and hard cases are held to limits."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
 from conftest import ROOT
+from helpers import cavities
 
 from pipeline import simulate
 from pipeline.base.errors import UserError

@@ -1,15 +1,14 @@
 """Cases that a device advances, to be compared with the CPU; run as a script, for one process has one device.
 
-    python tests/on_device.py DEVICE SHARED.npz TARGET.npz CASE...
+    python -m helpers.on_device DEVICE SHARED.npz TARGET.npz CASE...
 
 The CPU comes first: it writes the particles of the eye and the states to continue from, SHARED, which others read.
 """
 import sys
 
-import cavities
-import free_surface
 import numpy as np
 
+from helpers import cavities, free_surface
 from studies.validation import determinism
 
 HEIGHT = 0.04  # m, of the still tank

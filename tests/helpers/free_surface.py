@@ -1,10 +1,10 @@
 """Liquids with a free surface, shared by the tests of the schemes."""
 import math
 
-import cavities
 import numpy as np
-from cavities import AQUEOUS, OIL, build, cavity, parameters
 
+from helpers import cavities
+from helpers.cavities import AQUEOUS, OIL, build, cavity, parameters
 from sim.effects.eye_rotation import Oscillation
 from sim.effects.viscoelastic import ElasticLiquid
 from sim.settings import Liquid

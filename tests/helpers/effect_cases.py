@@ -1,8 +1,7 @@
 """Parameters of every effect with which it acts, and with which it does nothing."""
 import math
 
-import cavities
-
+from helpers import cavities
 from sim.effects.eye_rotation import Oscillation, Saccade
 from sim.effects.viscoelastic import ElasticLiquid
 from sim.settings import Liquid

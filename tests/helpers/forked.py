@@ -7,7 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 _forks = multiprocessing.get_context("forkserver")
 _forks.set_forkserver_preload([
     "snakemake.cli", "snakemake.report", "taichi", "scipy.optimize", "scipy.spatial", "pyvista", "trimesh.creation",

@@ -184,7 +184,7 @@ def main(precision: str, threads: str, source: str, target: str, case: str) -> N
     """Advance a case from the cavity in one file and write its results into another."""
     from sim.runtime import initialize
     initialize(precision, int(threads))
-    from kernel_samples import sample_kernels
+    from helpers.kernel_samples import sample_kernels
     arrays = dict(np.load(source))
     results = {}
     if case == "tank":
