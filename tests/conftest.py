@@ -23,26 +23,26 @@ os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast")
 
 
-NOT_FOUND = pytest.StashKey[list[str]]()  # lines of thorough.txt that name no test
-
-
-def thorough() -> set[str]:
-    """Return the tests of thorough.txt, each as ``file::name`` or, one of several, ``file::name[case]``."""
-    lines = (ROOT / "tests" / "thorough.txt").read_text(encoding="utf-8").splitlines()
-    return {line for line in lines if line and not line.startswith("#")}
+# Where all tests are collected:
+NOT_FOUND = pytest.StashKey[list[str]]()  # cases that a marker names and no test has
+SHORT = pytest.StashKey[set[str]]()  # names of the tests of `./run test`, with their parameters
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m is looked at
 def pytest_collection_modifyitems(config, items):
-    """Mark the tests of thorough.txt, and take the rooms with long tests first."""
-    listed = thorough()
-    found = set()
+    """Mark the cases that `thorough_cases` names as thorough, and take the rooms with long tests first."""
+    named, found = set(), set()
     for item in items:
-        if names := {item.nodeid, item.nodeid.partition("[")[0]} & listed:
-            item.add_marker(pytest.mark.thorough)
-            found |= names
+        for marker in item.iter_markers("thorough_cases"):
+            test, case = item.nodeid.partition("[")[0], item.callspec.id
+            named |= {(test, name) for name in marker.args}
+            if case in marker.args:
+                item.add_marker(pytest.mark.thorough)
+                found.add((test, case))
     if config.args_source is config.ArgsSource.TESTPATHS:  # all tests are here
-        config.stash[NOT_FOUND] = sorted(listed - found)
+        config.stash[NOT_FOUND] = sorted(f"{test}[{case}]" for test, case in named - found)
+        config.stash[SHORT] = {item.name for item in items
+                               if not any(map(item.get_closest_marker, ("thorough", "slow")))}
 
     def place(item) -> int:
         room = item.nodeid.removeprefix("tests/").partition("/")[0]

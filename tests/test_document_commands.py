@@ -27,6 +27,7 @@ def commands() -> list[str]:
 STAGES = sorted({match[1] for line in commands() if (match := MODULE.search(line))})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("module", STAGES)
 def test_stages_of_the_documents_have_the_options_that_they_name(module):
     done = forked.run(module, "--help")

@@ -115,6 +115,7 @@ def place(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+@pytest.mark.thorough
 def test_citations_are_in_the_bibliography():
     wrong = []
     for path in files():
@@ -125,6 +126,7 @@ def test_citations_are_in_the_bibliography():
     assert wrong == []
 
 
+@pytest.mark.thorough
 def test_authors_with_a_year_are_in_the_bibliography():
     known = {(name, year) for names, year in bibliography().values() for name in names}
     wrong = [f"{place(path)}: {name} {year}" for path in files() for name, year in YEARS.findall(words(path))
@@ -223,6 +225,7 @@ def code_column(text: str) -> list[str]:
     return names
 
 
+@pytest.mark.thorough_cases("cohesion", "collision")
 @pytest.mark.parametrize("name", [*pages(), "README"])
 def test_names_in_tables_exist(name):
     assert [one for one in code_column((METHODS / f"{name}.md").read_text()) if one not in code_names()] == []

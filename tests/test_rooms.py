@@ -4,6 +4,7 @@ import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
 
 PIPELINE = ROOT / "pipeline"
@@ -28,11 +29,13 @@ def named(path: Path) -> set[str]:
     return {text for text in texts if re.fullmatch(r"(pipeline|sim|studies)(\.\w+)+", text)}
 
 
+@pytest.mark.thorough
 def test_no_file_imports_a_stage():
     for path in PIPELINE.rglob("*.py"):
         assert not imports(path) & STAGES, path
 
 
+@pytest.mark.thorough
 def test_no_room_imports_one_that_imports_it():
     """Nor names one, as a string, that imports it."""
     folders = {folder.name: folder for folder in PIPELINE.iterdir() if (folder / "__init__.py").is_file()}

@@ -371,6 +371,7 @@ def test_numbers_are_written_for_people(value, unit, text):
 advise = functools.partial(forked.run, "pipeline.advise")
 
 
+@pytest.mark.thorough
 def test_command_line_warns_and_succeeds(config, tmp_path):
     case = config / "scenes" / "unseen.yaml"
     case.write_text(f"extends: box\neffects: {{{GRAVITY}}}\n")
@@ -382,6 +383,7 @@ def test_command_line_warns_and_succeeds(config, tmp_path):
     assert json.loads((tmp_path / "advice.json").read_text())["scene"] == "unseen"
 
 
+@pytest.mark.thorough
 def test_wrong_input_is_a_sentence(config, tmp_path):
     case = config / "scenes" / "wrong.yaml"
     case.write_text("extends: box\neffects: {gravitty: {}}\n")
@@ -406,6 +408,7 @@ def test_advice_does_not_make_a_simulation_run_again():
     assert {"pipeline/advise.py", "pipeline/advice/rules.py", "sim/effects/viscosity.py"} <= advised
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("old", "new", "again"), [
     ("is missing and would be seen: {cause}", "is missed: {cause}", {"pipeline.advise"}),  # a sentence
     ("and turns must not overlap", "and turns follow each other", {"pipeline.advise"}),  # of a check
@@ -430,6 +433,7 @@ def test_a_new_sentence_of_an_effect_simulates_nothing_again(tmp_path, monkeypat
     assert {stage for stage in stages if code_used(stage, {"viscosity"}) != before[stage]} == {"pipeline.advise"}
 
 
+@pytest.mark.thorough
 def test_simulation_prints_the_advice_first(scene, tmp_path):
     """The log of a run begins with the lines of the advice on its scene."""
     case = scene("numerics: {particle_spacing: 10 mm, scheme: position_based}\n"
@@ -445,6 +449,7 @@ def test_simulation_prints_the_advice_first(scene, tmp_path):
     assert result.stdout.index("case (draft). Estimates") < result.stdout.index("steps so far")
 
 
+@pytest.mark.thorough
 def test_advice_is_a_target_of_the_workflow(project):
     code, output = project.snakemake("-n", "outputs/tiny/draft/advice.html")
     assert code == 0, output

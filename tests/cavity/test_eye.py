@@ -10,6 +10,7 @@ import pyvista
 import trimesh
 from conftest import ROOT
 from helpers import forked
+from helpers.cases import thorough
 
 from pipeline import eye as stage
 from pipeline.base.errors import UserError
@@ -55,6 +56,7 @@ def test_surface_is_closed_and_even(axial_length, lens):
     assert (np.linalg.norm(edges, axis=2).max(axis=1) ** 2 / mesh.area_faces).max() < 10.0      # no slivers
 
 
+@pytest.mark.thorough
 def test_volume_follows_published_regression():
     """144 operated eyes [santana, abstract]: within 3 % from 20 to 30 mm with the own lens, exact to 0.2 % at 24 mm."""
     assert published_volume(0.024) == pytest.approx(5.05e-6, rel=1e-3)
@@ -89,7 +91,8 @@ def test_unknown_lens_is_refused():
         eye_shape(lens="none")
 
 
-@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "vtp", "vtk", "vtu", "msh"])
+@pytest.mark.parametrize("suffix", [thorough("stl"), "obj", "ply", thorough("vtp"), thorough("vtk"),
+                                    thorough("vtu"), "msh"])
 def test_every_format_is_read(eye, tmp_path, suffix):
     path = tmp_path / f"eye.{suffix}"
     if suffix in ("stl", "obj", "ply"):
@@ -104,6 +107,7 @@ def test_every_format_is_read(eye, tmp_path, suffix):
     assert mesh.volume * 1e9 == pytest.approx(eye.volume, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_volume_mesh_gives_its_outer_surface(tmp_path):
     ball = pyvista.Sphere(radius=11.0).delaunay_3d()
     ball.save(tmp_path / "ball.vtu")
@@ -117,6 +121,7 @@ def test_duplicate_vertices_are_merged(eye, tmp_path):
     assert imported.repairs == (f"merged {3 * len(eye.faces) - len(eye.vertices)} duplicate vertices",)
 
 
+@pytest.mark.thorough
 def test_inverted_and_flipped_triangles_are_turned(eye, tmp_path):
     inverted = import_mesh(exported(trimesh.Trimesh(eye.vertices, eye.faces[:, ::-1], process=False), tmp_path))
     assert inverted.mesh.volume > 0.0 and "inside out" in inverted.repairs[0]
@@ -190,7 +195,7 @@ def test_shapes_that_are_no_cavity_are_refused(eye, tmp_path):
     ("eye.stl", "hello", "is cut short"),
     ("eye.stl", "solid eye\nfacet normal", "is cut short"),
     ("eye.ply", "ply\n", "cannot be read as PLY"),
-    ("eye.vtp", "hello", "cannot be read as VTP .it is damaged or of another format"),
+    thorough("eye.vtp", "hello", "cannot be read as VTP .it is damaged or of another format"),
     ("eye.msh", "hello", "cannot be read as MSH"),
     ("eye.obj", "v 1 2 nan\nv 1 2 3\nv 2 3 4\nf 1 2 3\n", "1 vertices are not finite"),
     ("eye.obj", None, "no such file"),
@@ -227,6 +232,7 @@ def test_shapes_unlike_an_eye_are_told(tmp_path, capsys, shape, sentence):
     assert f"warning: {tmp_path / 'mesh.ply'} (eye.path): " in printed and sentence in printed
 
 
+@pytest.mark.thorough
 def test_eyes_are_like_an_eye(tmp_path):
     for lens in LENSES:
         mesh = eye_mesh(eye_shape(0.020, lens=lens)).apply_scale(1e3)
@@ -239,6 +245,7 @@ def off_surface(mesh, eye):
     return distance_to_triangles(mesh, 1e-3 * np.asarray(eye.vertices[::50]) + moved, longest_edge=1e-3).max()
 
 
+@pytest.mark.thorough
 def test_triangles_that_no_particle_sees_are_reduced(eye, tmp_path, monkeypatch):
     """The surface stays closed and in its place."""
     most = len(eye.faces) // 2
@@ -250,6 +257,7 @@ def test_triangles_that_no_particle_sees_are_reduced(eye, tmp_path, monkeypatch)
     assert off_surface(imported.mesh, eye) < 0.1e-3
 
 
+@pytest.mark.thorough
 def test_a_large_stl_is_reduced_slab_by_slab(eye, tmp_path, monkeypatch):
     """Slabs fit together, and a hole keeps its width."""
     monkeypatch.setattr(large_stl, "AT_ONCE", len(eye.faces) // 5)
@@ -284,6 +292,7 @@ def run_stage(scene, folder) -> subprocess.CompletedProcess:
                       folder / "eye.json")
 
 
+@pytest.mark.thorough
 def test_stage_writes_surface_and_report(tmp_path):
     result = run_stage(load_scene(TAMPONADE), tmp_path)
     assert result.returncode == 0, result.stderr
@@ -292,6 +301,7 @@ def test_stage_writes_surface_and_report(tmp_path):
     assert abs(report["deviation_from_published"]) < 0.002
 
 
+@pytest.mark.thorough
 def test_stage_marks_the_defect_in_a_picture(eye, tmp_path, opengl):
     path = exported(without(eye, [10, 0, -4], 2.5), tmp_path)
     scene = dataclasses.replace(load_scene(TAMPONADE), eye=Eye(model="mesh", path=str(path)))

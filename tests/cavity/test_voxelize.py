@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from conftest import ROOT
 from helpers import forked
+from helpers.cases import thorough
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
@@ -33,7 +34,8 @@ def scene_with(**changes):
 
 
 @pytest.mark.parametrize("kind, size, dimension", [
-    ("circle", RADIUS, 2), ("sphere", RADIUS, 3), ("box", (20e-3, 10e-3), 2), ("box", (10e-3, 10e-3, 15e-3), 3)])
+    ("circle", RADIUS, 2), thorough("sphere", RADIUS, 3), ("box", (20e-3, 10e-3), 2),
+    ("box", (10e-3, 10e-3, 15e-3), 3)])
 def test_shape_arrays_are_consistent(kind, size, dimension):
     spacing, layers = 1e-3, 3
     arrays = shape_arrays(kind, size, spacing, dimension=dimension, wall_layers=layers)
@@ -52,7 +54,7 @@ def test_shape_arrays_are_consistent(kind, size, dimension):
     assert (np.array(reach) >= half + 4.0 * spacing - 1e-12).all() and distance.cell == 0.5 * spacing
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, thorough(3)])
 def test_wall_shells_of_a_ball_have_their_exact_volume(dimension):
     arrays = shape_arrays("circle", RADIUS, 1e-3, dimension=dimension)
     for layer in range(3):
@@ -106,6 +108,7 @@ def test_distance_of_coarse_triangles_and_turned_normals():
     assert distance.volume_below() == pytest.approx(20e-3 * 16e-3 * 18e-3, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_normal_and_projection():
     distance = distance_in(shape_arrays("sphere", RADIUS, 1e-3, dimension=3))
     points = np.random.default_rng(0).normal(size=(100, 3))
@@ -169,6 +172,7 @@ def test_wall_layers_are_even(eye):
     assert gap.max() < 0.95e-3                            # no opening in the first layer
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key, point, outside", [
     ("cannula", (0.0, 0.0, 0.020), "14 mm"), ("drain", (0.0, 0.012, 0.0), "0.73 mm"),
     ("drain", (0.0, 0.0, 0.006), "1.5 mm")])
@@ -192,6 +196,7 @@ def test_eye_in_two_dimensions_is_refused():
         voxelize(dataclasses.replace(scene_with(), dimension=2), eye_mesh(eye_shape()))
 
 
+@pytest.mark.thorough
 def test_stage_writes_arrays_and_report(tmp_path):
     scene = scene_with(particle_spacing=2e-3)
     (tmp_path / "scene.json").write_text(scene.to_json())

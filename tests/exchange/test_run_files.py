@@ -69,6 +69,7 @@ def parts_at(folder, time):
     return reader.read()[0]
 
 
+@pytest.mark.thorough
 def test_run_plays_with_named_parts_at_every_time(indexed):
     assert pyvista.PVDReader(indexed / "run.pvd").time_values == [0.0, 0.05, 0.1]
     for time in (0.0, 0.1):
@@ -80,6 +81,7 @@ def test_run_plays_with_named_parts_at_every_time(indexed):
     assert parts_at(indexed, 0.0)[OIL].n_cells == 0 == parts_at(indexed, 0.0)["interface"].n_cells
 
 
+@pytest.mark.thorough
 def test_folder_of_a_run_can_be_moved(indexed, tmp_path):
     shutil.copytree(indexed, tmp_path / "moved")
     assert parts_at(tmp_path / "moved", 0.1)[OIL].n_cells > 100

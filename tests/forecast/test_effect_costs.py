@@ -74,6 +74,7 @@ def with_and_without(runs, name) -> tuple[Run, Run]:
     return runs[:2] if name in HALVES[0] else (runs[1], runs[0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REGISTRY)
 def test_effect_that_is_off_has_no_trace(runs, name):
     """No field of its own, no kernel, not even a function that is compiled into the kernel of another."""
@@ -85,6 +86,7 @@ def test_effect_that_is_off_has_no_trace(runs, name):
     assert name in on.parts and name not in off.parts
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REGISTRY)
 def test_effect_that_is_on_has_kernels_or_a_place_in_the_loop(runs, name):
     cost = with_and_without(runs, name)[0].parts[name]
@@ -92,6 +94,7 @@ def test_effect_that_is_on_has_kernels_or_a_place_in_the_loop(runs, name):
     assert bool(cost.fields) == bool(cost.bytes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", SHARED)
 def test_what_is_shared_is_the_same_without_any_effect(runs, part):
     """So that all that an effect allocates, compiles and launches is in its own row.
@@ -108,12 +111,14 @@ def test_what_is_shared_is_the_same_without_any_effect(runs, part):
         assert one[part].launches == none.launches or asks or part == "volume_incompressible"
 
 
+@pytest.mark.thorough
 def test_no_effect_means_no_code_of_effects(runs):
     none = runs[2]
     assert {module for module in none.compiled if module.startswith("sim.effects.")} <= {"sim.effects.effect"}
     assert set(none.parts) == set(SHARED)
 
 
+@pytest.mark.thorough
 def test_parts_hold_all_that_is_allocated(runs):
     for one in runs:
         bytes_, fields = (sum(getattr(cost, name) for cost in one.parts.values()) for name in ("bytes", "fields"))

@@ -159,6 +159,7 @@ def probed(taichi, box, tmp_path_factory):
     return probe(box, container_arrays(box), phases_of(box, 0.16, SCENES), 60.0, folder / "frames")
 
 
+@pytest.mark.thorough
 def test_probe_takes_steps_of_the_scene(box, probed):
     phase, = probed["phases"]
     assert probed["particles"] == 600 and phase["steps"] >= 90 and not probed["failed"]
@@ -166,11 +167,13 @@ def test_probe_takes_steps_of_the_scene(box, probed):
     assert all(phase["wall"] >= phase[kind] / os.cpu_count() > 0.0 for kind in KINDS)
 
 
+@pytest.mark.thorough
 def test_short_steps_are_taken_for_longer_than_a_moment(probed):
     phase, = probed["phases"]
     assert phase["steps"] * phase["cpu"] > 0.5 * SHORTEST  # 90 steps take 0.9 s
 
 
+@pytest.mark.thorough
 def test_phases_of_liquids_left_as_they_are_go_on_from_one_another(box, taichi, tmp_path, monkeypatch):
     def height(frame) -> float:
         return float(frame.position[:, 1].mean(dtype=float))
@@ -183,11 +186,13 @@ def test_phases_of_liquids_left_as_they_are_go_on_from_one_another(box, taichi, 
     assert fallen[1] > 1.5 * fallen[0] > 0.0
 
 
+@pytest.mark.thorough
 def test_parts_of_a_step_are_not_more_than_the_step(taichi, box):
     for step in take_steps(build_solver(box, container_arrays(box)), 5):
         assert 0.0 < sum(value for name, value in step.items() if name.startswith("part ")) <= step["wall"]
 
 
+@pytest.mark.thorough
 def test_rehearsal_tells_the_steps_of_a_finer_scene(taichi, box):
     coarse = coarser(box, 2.0 * box.numerics.particle_spacing)
     assert coarse.numerics.maximum_time_step == 2.0 * box.numerics.maximum_time_step
@@ -284,6 +289,7 @@ def test_steps_grow_from_rehearsal_to_scene_as_between_rehearsals():
     assert predict(scene, synthetic(scene, rehearsals=[fine, short])).steps == 150 * 50
 
 
+@pytest.mark.thorough
 def test_liquids_mix_between_the_phases_as_long_as_in_the_scene(taichi, write):
     scene = write(LAYERS, "layers")
     solver = build_solver(scene, container_arrays(scene))
@@ -393,6 +399,7 @@ def test_errors_at_the_sizes_of_the_levels_are_measured(level, particles):
         assert re.search(r", at [0-9]+ spacings, .* from 3 starts$", one.source), one
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["diffusion", pytest.param("channel", marks=pytest.mark.slow)])
 def test_errors_that_the_project_comes_with_are_found_again(taichi, name):
     base = [case for case in load_study("accuracy", "draft").cases.values()
@@ -442,6 +449,7 @@ def kept(monkeypatch, tmp_path):
     return scenes
 
 
+@pytest.mark.thorough
 def test_formats_of_the_command(kept, tmp_path, capsys):
     arguments = [str(SCENES / "tamponade.yaml"), "--accuracy", "all"]
     main([*arguments, "--output", str(tmp_path / "a.json"), "--output", str(tmp_path / "a.html")])
@@ -454,6 +462,7 @@ def test_formats_of_the_command(kept, tmp_path, capsys):
     assert "time steps" in text and "5000" in text and "standard" not in text.splitlines()[1]
 
 
+@pytest.mark.thorough
 def test_measurement_is_kept_until_something_changes(kept, tmp_path, monkeypatch):
     scene = load("tamponade")
     for one in (scene, scene, dataclasses.replace(scene, title="another title")):
@@ -510,6 +519,7 @@ def test_a_stage_says_what_it_took_with_its_children(tmp_path):
     assert taken["cpu"] > 0.45 and taken["wall"] >= taken["cpu"] / os.cpu_count() and taken["memory"] > 1e6
 
 
+@pytest.mark.thorough
 def test_failed_stage_is_its_own_sentence(tmp_path):
     with pytest.raises(UserError, match=r"^none.json: no such file"):
         run_stage("voxelize", "none.json", "none.vtp", "--output", tmp_path / "a", "--report", tmp_path / "b")

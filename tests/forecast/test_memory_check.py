@@ -28,6 +28,7 @@ CASES = {
 VALUES = {"interface_tension": {"coefficient": 0.04}, "diffusion": {"coefficient": 1e-6}}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("case", CASES)
 def test_a_solver_allocates_what_is_foretold(anew, case, dimension, monkeypatch):

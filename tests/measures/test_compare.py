@@ -67,6 +67,7 @@ def test_the_last_picture_that_both_have_is_shown(level):
     assert frame == 2 and [path.parts[-4] for path in paths] == ["draft", "standard"]
 
 
+@pytest.mark.thorough
 def test_stage_writes_page_picture_and_table_beside_the_levels(level, tmp_path, capsys):
     compare.main([str(level("draft")), str(level("standard", factor=1.5))])
     assert sorted(path.name for path in (tmp_path / "tiny").iterdir()) == [
@@ -113,6 +114,7 @@ def test_one_level_is_not_compared_with_itself(level):
 
 # Snakemake
 
+@pytest.mark.thorough
 def test_comparison_is_a_target_that_runs_both_levels(project):
     code, output = project.snakemake("-n", "outputs/tiny/compare_draft_standard.png")
     assert code == 0, output
@@ -122,6 +124,7 @@ def test_comparison_is_a_target_that_runs_both_levels(project):
         assert f"tiny at {accuracy}: draw segment 000" in output
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("target", "sentence"), [
     ("compare_draft_draft.html", "compares draft with itself; name two of draft, standard, fine"),
     ("compare_draft_finest.html", "must be compare_<level>_<level>.html, .png or .csv, with two of draft, standard"),

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from helpers import color_vision, synthetic_frames
+from helpers.cases import thorough
 
 from pipeline import metrics
 from pipeline.base import palette
@@ -73,7 +74,7 @@ def level_of_fill(fill):
     return np.interp(fill, ((1 - height) ** 2 * (2 + height) / 4)[::-1], height[::-1])
 
 
-@pytest.mark.parametrize("fill", [0.5, 0.85, 0.95])
+@pytest.mark.parametrize("fill", [0.5, thorough(0.85), 0.95])
 def test_level_oil_in_a_sphere_covers_what_geometry_says(sphere, fill):
     level = level_of_fill(fill)
     found = values(make_state(sphere, sphere["fluid_position"][:, 1] > level * RADIUS))
@@ -129,8 +130,8 @@ def test_covered_wall_follows_the_nearest_fluid():
 
 
 @pytest.mark.parametrize(("dimension", "angle", "fill", "tolerance"), [
-    (3, 18.2, 0.85, 0.01), (3, 18.2, 0.95, 0.01), (3, 60.0, 0.8, 0.015),
-    (2, 18.2, 0.85, 0.03)])  # one point of the circle is 2 % of it, and there are two ends
+    (3, 18.2, 0.85, 0.01), thorough(3, 18.2, 0.95, 0.01), thorough(3, 60.0, 0.8, 0.015),
+    thorough(2, 18.2, 0.85, 0.03)])  # one point of the circle is 2 % of it, and there are two ends
 @pytest.mark.usefixtures("taichi")
 def test_wall_under_a_thin_wedge_is_not_touched(dimension, angle, fill, tolerance):
     """Particles labelled by the exact shape of oil at rest, 8 spacings to the radius: 0.8, 0.8, 1.2, 2.3 % off."""
@@ -180,6 +181,7 @@ def test_emulsion_and_volume_fractions(sphere):
     assert (found["volume_fraction_smallest [1]"], found["volume_fraction_largest [1]"]) == (0, 0.97)
 
 
+@pytest.mark.thorough
 def test_mixing_index_and_bands_of_known_fractions(sphere):
     count = len(sphere["fluid_position"])
     half = np.arange(count) % 2 == 0
@@ -227,12 +229,14 @@ def test_interface_area_of_a_plane_and_of_a_layer():
     assert sharp == pytest.approx(exact, rel=0.08)
 
 
+@pytest.mark.thorough
 def test_gradient_of_a_linear_field_is_exact_up_to_the_wall(sphere):
     position, slope = sphere["fluid_position"], np.array([3.0, -20.0, 8.0])
     found = metrics.mixing_metrics.fraction_gradient(position, sphere["fluid_volume"], position @ slope, 2.5 * SPACING)
     assert found == pytest.approx(np.tile(slope, (len(position), 1)), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_emulsion_is_counted_where_it_is(sphere):
     x, y = sphere["fluid_position"][:, :2].T
     quadrant = (x < 0) & (y > 0)
@@ -270,6 +274,7 @@ def test_stress_on_the_retina_of_an_eye_that_turns(sphere):
     assert found["retina_shear_stress_high [Pa]"] == pytest.approx(np.percentile(stress, 99), rel=0.03)
 
 
+@pytest.mark.thorough
 def test_droplets_are_counted_as_the_emulsion(sphere):
     """The third liquid is the oil in droplets: 2 millionths of the upper half, 20 at the very front."""
     position = sphere["fluid_position"]
@@ -406,6 +411,7 @@ def run_folder(tmp_path, sphere):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_command_line_makes_table_plots_and_summary(run_folder):
     metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "part_001", "part_000")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html"),
@@ -493,6 +499,7 @@ def test_small_energies_have_a_prefix():
     assert shown["kinetic_energy"].unit == "nJ" and shown["kinetic_energy"].curves[0].texts()[1] == "490"
 
 
+@pytest.mark.thorough
 def test_bands_are_those_of_two_ends_of_an_arc(sphere):
     found = values(make_state(sphere, sphere["fluid_position"][:, 1] > 0))
     # The line crosses the plane twice, and a band reaches a spacing to either side of it.

@@ -37,6 +37,7 @@ def scene(request):
     return dataclasses.replace(plain, title=words, label=words, description=words, liquids=liquids)
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_plots_and_pictures_survive_any_title(scene, tmp_path):
     shown = shown_metrics(TABLE, [Metric("speed", "m/s", "", None, place=1)])

@@ -99,6 +99,7 @@ def index(run_folder):
     return run_folder / "index.html"
 
 
+@pytest.mark.thorough
 def test_page_holds_all_that_it_shows(index):
     text = index.read_text()
     assert len(text.encode()) < 10e6
@@ -109,6 +110,7 @@ def test_page_holds_all_that_it_shows(index):
     assert links >= RUN_PAGES.keys() - {"index.html"} and not any(":" in link for link in links)
 
 
+@pytest.mark.thorough
 def test_page_says_first_what_people_ask_for(index):
     text = index.read_text()
     numbers = re.findall(r"<li><b>([^<]*)</b>([^<]*)", text[text.index('class="numbers"'):text.index("<video")])
@@ -128,6 +130,7 @@ def test_page_says_first_what_people_ask_for(index):
     assert text.index('class="numbers"') < text.index(quote) < text.index("<video")
 
 
+@pytest.mark.thorough
 def test_titles_are_text(index):
     text = index.read_text()
     assert text.count("&lt;script&gt;alert(1)&lt;/script&gt; $x_{ {{ 7 * 7 }} 😀") == 2 and "<script>alert" not in text
@@ -206,6 +209,7 @@ def test_view_that_turns_has_breaks_only_where_there_are_any(run_folder, index):
     assert [[words for _, words in mesh["legend"]] for mesh in turning_view(whole)["meshes"]] == legends[:-1]
 
 
+@pytest.mark.thorough
 def test_page_works_in_a_browser(index, tmp_path):
     path = headless_browser.find_browser()
     if path is None:

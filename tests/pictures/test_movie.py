@@ -59,6 +59,7 @@ def test_movie_of_a_time_lapse_tells_weeks(tmp_path, capsys):
     assert "2 weeks per second, 5 pictures per second, 21 in all, 5.5 s;" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", ["gif", "webp"])
 def test_slides_and_papers_get_pictures_of_a_bounded_size(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(moments, "ANIMATION_BYTES", 30_000)

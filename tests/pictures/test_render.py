@@ -124,6 +124,7 @@ def test_sections_need_no_opengl(run_folder, tmp_path, monkeypatch):
     assert count(pictures[0], (176, 52, 24), 40) > 20           # the scene's label
 
 
+@pytest.mark.thorough
 def test_pictures_show_section_opened_eye_and_fundus(run_folder, tmp_path, opengl):
     pictures = draw(run_folder, tmp_path / "images")
     assert all(pixels.shape == (SIZE[1], SIZE[0], 3) for pixels in pictures)
@@ -158,6 +159,7 @@ def wall_of(folder, initial, position, fraction, contact_angle=False):
     return read_wall(folder / "wall.vtp"), contact, found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height", [-6e-3, 0.0, 5e-3])
 @pytest.mark.parametrize("tilt", [0.0, 1.0])
 @pytest.mark.parametrize("contact_angle", [False, True])
@@ -198,6 +200,7 @@ def film_folder(tmp_path_factory, run_folder):
     return folder
 
 
+@pytest.mark.thorough
 def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_path):
     """In the map, whose stripes there are a third as wide as apart, and in words that add up."""
     scene, initial = load_resolved(run_folder / "scene.json"), ball()
@@ -227,6 +230,7 @@ def test_films_are_drawn_where_they_are_measured(run_folder, film_folder, tmp_pa
     assert Coverage(0.519, 0.134, 0.374).parts == "touches 15 %, on a thin film 37 %"
 
 
+@pytest.mark.thorough
 def test_pictures_of_films_have_a_legend_and_lighter_walls(run_folder, film_folder, tmp_path, opengl):
     names = [str(run_folder / name) for name in ("scene.json", "initial.npz", "eye.vtp")]
     frames, surfaces, images = film_folder / "part_001", film_folder / "surfaces", tmp_path / "images"
@@ -280,6 +284,7 @@ def test_liquids_have_the_colors_of_pictures_elsewhere_too():
     assert {colors[name] for name in ("aqueous", "s1_water")} == {palette.AQUEOUS} and colors["air"] == palette.GAS
 
 
+@pytest.mark.thorough
 def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_opened_eye(run_folder, tmp_path, opengl):
     """An examiner who faces the patient sees the patient's left on the right; a pocket there is in that half only."""
     import pyvista
@@ -304,6 +309,7 @@ def test_oil_on_the_left_is_right_in_the_fundus_and_in_the_lower_half_of_the_ope
     assert oil[:250].sum() == 0 < 300 < oil[250:].sum()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", color_vision.KINDS)
 def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, opengl, kind):
     """In every kind of color vision: what is colored is within 15 of a color of the legend or of the drawn tissue."""
@@ -325,6 +331,7 @@ def test_colors_are_those_of_the_legend_and_told_apart(run_folder, tmp_path, ope
         assert colors[1][colored][far].sum() < 0.01 * colors[1][colored].sum()      # lines are blended at their edges
 
 
+@pytest.mark.thorough
 def test_fundus_of_a_left_eye_has_its_disc_on_the_other_side():
     import pyvista
 
@@ -355,6 +362,7 @@ def test_clock_shows_what_a_second_stands_for(time, means, words):
     assert clock(time, means) == words
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [("red", "blue"), ("blue", "red")])
 def test_translucent_colors_do_not_depend_on_the_order_of_drawing(opengl, order):
     import pyvista

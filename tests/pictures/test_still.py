@@ -195,6 +195,7 @@ def drawn(eye):
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("renderer", ["mitsuba", "pyvista"])
 def test_the_same_picture_comes_again_with_blue_water_below_lighter_oil(drawn, renderer):
     first, second = drawn[renderer]
@@ -213,6 +214,7 @@ def test_without_mitsuba_pyvista_draws_and_asking_for_it_is_refused(monkeypatch,
         chosen_renderer("mitsuba")
 
 
+@pytest.mark.thorough
 def test_a_still_says_what_is_simulated_and_who_has_drawn_it(eye, monkeypatch):
     _, surface = eye
     scene, said = load_scene("config/scenes/tamponade.yaml", "draft"), []

@@ -110,6 +110,7 @@ def test_the_range_holds_the_answer_and_is_known_for_the_default_eye(tables):
     assert all(answer.low <= answer.fill <= answer.high for answer in found)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("posture", ["upright", "left_side"])
 def test_the_fill_of_the_map_just_covers_the_break(tables, posture):
     place = read_break("5h,70deg", "1h")
@@ -122,6 +123,7 @@ def test_the_fill_of_the_map_just_covers_the_break(tables, posture):
     assert abs(margin.min()) < 0.5e-3
 
 
+@pytest.mark.thorough
 def test_the_map_is_that_of_the_solver():
     asked = question(read_break("12h,0deg", "1h"))
     table = read_tables(MAP)[key_of(asked.liquids(*asked.oils.values()), "upright")]
@@ -170,6 +172,7 @@ def test_tables_come_back_from_their_files(tmp_path):
 
 # The stage
 
+@pytest.mark.thorough
 def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     done = plan("--break", "6h,60deg", "--size", "2h", "--oil", "silicone_oil_1000", "--postures", "upright,prone")
     assert done.returncode == 0, done.stderr
@@ -191,6 +194,7 @@ def test_clock_hours_go_around_at_twelve(place, meridian):
         read_break("13:30,60deg", "1h")
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_covered_is_said():
     done = plan("--break", "6h,100deg", "--size", "3h", "--oil", "silicone_oil_1000", "--postures", "upright")
     assert done.returncode == 0, done.stderr
@@ -214,6 +218,7 @@ def test_a_confirming_scene_is_a_scene(tables, tmp_path):
     assert scene.effects["interface_tension"].contact_angle == pytest.approx(asked.contact_angle)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["--break", "6h,120deg"], "the retina reaches from 0 (posterior pole) to 115 deg"),
     (["--break", "6h,110deg", "--size", "1h,20deg"], "reaches from 100 to 120 deg"),

@@ -103,6 +103,7 @@ def schema():
     return jsonschema.Draft202012Validator(text)
 
 
+@pytest.mark.thorough_cases("collision_balls")
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_scene_fits_the_schema(schema, path):
     schema.validate(read_yaml(path))
@@ -456,6 +457,7 @@ def test_wrong_input_exits_with_2_and_no_traceback(write):
     assert all(line.startswith(f"error: {path}: effects.injection.") for line in done.stderr.splitlines())
 
 
+@pytest.mark.thorough
 def test_folder_that_cannot_be_written_exits_with_1(write, tmp_path):
     (tmp_path / "file").write_text("")
     done = forked.run("pipeline.scene", write("extends: tiny"), "--output", tmp_path / "file" / "scene.json")

@@ -123,6 +123,7 @@ output: {duration: 0.1 s}
 """
 
 
+@pytest.mark.thorough
 def test_run_takes_what_is_left_and_says_so(taichi, project):
     path = project.folder / "config" / "scenes" / "thin.yaml"
     path.write_text(SCENE)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
+from helpers.cases import thorough
 from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from scipy.spatial import cKDTree
 
@@ -50,6 +51,7 @@ def assert_closed(mesh):
     assert solid.volume == pytest.approx(mesh.volume, rel=1e-9) and mesh.volume > 0
 
 
+@pytest.mark.thorough
 def test_stretched_kernels_keep_an_interface_flat():
     for surface in Reconstructor(ball(), 2, kernel="anisotropic").surfaces(frame_of(POSITION, oil_fraction(POSITION))):
         assert_closed(surface.mesh)
@@ -127,6 +129,7 @@ def test_single_particles_become_droplets_of_their_volume(reconstructor):
     np.testing.assert_allclose(drops, frame.volume[0], rtol=0.05)
 
 
+@pytest.mark.thorough_cases("1-anisotropic")
 @pytest.mark.parametrize("kernel", ["isotropic", "anisotropic"])
 @pytest.mark.parametrize("count", [1, 7, 50])
 def test_drops_have_the_volume_of_their_particles(kernel, count):
@@ -161,6 +164,7 @@ def test_contact_line_is_a_smooth_circle(reconstructor):
     assert radius.mean() == pytest.approx(np.sqrt(RADIUS**2 - height**2), abs=0.25 * SPACING)
 
 
+@pytest.mark.thorough
 def test_smoothing_does_not_depend_on_the_cell():
     frame, roughness = frame_of(POSITION, oil_fraction(POSITION, height=0.3e-3)), []
     for ratio in (0.5, 0.25):
@@ -169,7 +173,7 @@ def test_smoothing_does_not_depend_on_the_cell():
     assert roughness[1] == pytest.approx(roughness[0], rel=0.1)
 
 
-@pytest.mark.parametrize("kernel", ["isotropic", "anisotropic"])
+@pytest.mark.parametrize("kernel", ["isotropic", thorough("anisotropic")])
 def test_kernels_do_not_shrink_a_ball_in_the_void(kernel):
     position, radius = lattice()[np.linalg.norm(lattice(), axis=1) < 7e-3], 7e-3
     arrays = ball() | {"wall_position": np.zeros((0, 3)), "wall_volume": np.zeros(0)}
@@ -195,6 +199,7 @@ def test_volume_follows_particles_of_different_size(reconstructor):
         assert_closed(surface.mesh)
 
 
+@pytest.mark.thorough
 def test_three_liquids_and_one():
     height = POSITION[:, 1]
     fraction = np.column_stack([height < -3e-3, (height >= -3e-3) & (height < 4e-3), height >= 4e-3]).astype(float)
@@ -207,6 +212,7 @@ def test_three_liquids_and_one():
     assert abs(alone.statistics["volume_error"]) < 0.01
 
 
+@pytest.mark.thorough
 def test_smoothing_flattens_without_shrinking():
     frame = frame_of(POSITION, oil_fraction(POSITION, height=0.3e-3))
     roughness = []
@@ -229,6 +235,7 @@ def test_same_frame_gives_the_same_bits(reconstructor):
         np.testing.assert_array_equal(a.mesh.triangles, b.mesh.triangles)
 
 
+@pytest.mark.thorough
 def test_section_is_sharp_where_liquids_do_not_mix(reconstructor):
     reconstructor.surfaces(frame_of(POSITION, oil_fraction(POSITION)))
     for section in reconstructor.sections().values():
@@ -280,6 +287,7 @@ def started(monkeypatch):
     monkeypatch.setattr("sim.runtime.initialize", lambda *_, **more: None)
 
 
+@pytest.mark.thorough
 def test_stage_writes_surfaces_sections_and_numbers(tmp_path, monkeypatch, started, request):
     monkeypatch.chdir(request.config.rootpath)
     arguments = scene_files(tmp_path)

@@ -35,6 +35,7 @@ def test_damaged_files_are_set_aside_as_snakemake_knows_them(tmp_path):
     assert len(list((tmp_path / "damaged/frames/segment_000").iterdir())) == 2 and not frames.exists()
 
 
+@pytest.mark.thorough
 def test_a_run_makes_a_damaged_file_anew(project):
     """What stops the run is one sentence; the same command then goes on."""
     eye = project.outputs("tiny") / "eye.vtp"

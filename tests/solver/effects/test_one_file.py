@@ -52,6 +52,7 @@ def files() -> list[Path]:
     return [path for path in found if not str(path.relative_to(ROOT)).startswith(REGISTRIES)]
 
 
+@pytest.mark.thorough
 def test_no_other_file_knows_an_effect_or_a_scheme_by_name():
     known = {(str(path.relative_to(ROOT)), name) for path in files() for name in known_in(path.read_text())
              if not (path.stem == name and path.parent.name in PACKAGES)}

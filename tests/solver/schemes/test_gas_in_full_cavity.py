@@ -22,6 +22,7 @@ def tank(shape: str, density: float, phase=lambda x: x[:, 1] > 0.0):
                  liquids=(WATER, Liquid("gas", density, 0.0)), support_ratio=3.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("density", [100.0, 10.0, 1.0])
 @pytest.mark.parametrize("shape", ["box", "circle"])
 def test_gas_above_water_stays_at_rest(shape, density):

@@ -131,6 +131,7 @@ def test_defect_of_the_program_is_no_outcome(taichi, write):
         run_case(dataclasses.replace(load_study("small").case("taylor_green-5"), family=family))
 
 
+@pytest.mark.thorough
 def test_table_so_far_says_of_every_case_why_it_has_no_result(write, monkeypatch):
     write(SMALL.replace("[5, 10]", "[5, 6, 7, 8, 9]"))
     folder = Path("outputs/studies/small/draft")
@@ -192,6 +193,7 @@ def test_file_without_a_family_is_told(monkeypatch):
 
 # Plans
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("nothing_planned")
 def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeypatch):
     write("cases: {injection: {scene: [tamponade, oil_removal], flow: ["
@@ -216,6 +218,7 @@ def test_study_of_a_thousand_cases_reads_its_scenes_and_code_once(write, monkeyp
     assert read == {"load_scene": 2, "code_used": 1, "read_yaml": 1}  # the levels are read by their own reader
 
 
+@pytest.mark.thorough_cases("accuracy-draft", "validation-draft")
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
 @pytest.mark.parametrize("name", study_names(ROOT / "config" / "studies"))
 def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
@@ -364,6 +367,7 @@ def test_unknown_study_case_and_level_list_what_is_allowed(write):
 
 # A whole run
 
+@pytest.mark.thorough
 def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     write(SMALL)
     code, output = project.snakemake("small")
@@ -386,6 +390,7 @@ def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     assert planned(output)["study_case"] == 1, output
 
 
+@pytest.mark.thorough
 def test_broken_study_stops_only_those_who_ask_for_it(project, write):
     write("cases: {}")
     code, output = project.snakemake("-n", "small")

@@ -82,6 +82,7 @@ def test_order_front_and_levels_of_known_runs(study):
     assert found["fine"][2] == pytest.approx(220**-2.0) and math.isnan(found["fine"][1])  # beyond what was run
 
 
+@pytest.mark.thorough
 def test_study_writes_its_figures_tables_and_remarks(study, tmp_path):
     found = write_tradeoff(study, [invented(case) for case in study.cases.values()], tmp_path)
     assert sorted(path.stem for path in tmp_path.glob("*.png")) == sorted(study.pictures())
@@ -140,6 +141,7 @@ def test_runs_that_do_not_converge_yet_have_no_order():
     assert math.isnan(order_of(points))
 
 
+@pytest.mark.thorough
 def test_error_to_expect_is_the_measured_one_and_its_order_no_more_than_the_last_refinement_gave(study, tmp_path):
     outcomes = []
     for case in study.cases.values():

@@ -46,6 +46,7 @@ def test_references():
     assert study.puddle_height(0.072, 1000.0) == pytest.approx(5.42e-3, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_study_lists_its_cases():
     result = forked.run("pipeline.study", "pbf_study", "--list")
     assert result.returncode == 0, result.stderr

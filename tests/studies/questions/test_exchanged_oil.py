@@ -61,6 +61,7 @@ def test_a_pressure_without_sense_is_refused_with_what_is_allowed(study, tmp_pat
         load_study("one", folder=tmp_path)
 
 
+@pytest.mark.thorough
 def test_the_page_tells_times_and_what_stays_behind(study, tmp_path):
     outcomes = [case.family.run(case.parameters) for name, case in study.cases.items()
                 if name.startswith("cannula_flow")]

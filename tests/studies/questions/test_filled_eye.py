@@ -45,6 +45,7 @@ def shares(outcomes) -> Shares:
     return Shares.of([line for outcome in outcomes.values() for line in outcome.tables["shares"][1:]])
 
 
+@pytest.mark.thorough
 def test_gas_touches_more_than_oil_and_a_larger_fill_more_than_a_smaller_one(shares):
     for part in ("retina", "inferior", "superior", "before_equator"):
         oil, gas = ([shares.at(name, "upright", fill, part).value for fill in shares.fills]
@@ -54,6 +55,7 @@ def test_gas_touches_more_than_oil_and_a_larger_fill_more_than_a_smaller_one(sha
         assert shares.at("gas", "upright", fill, "retina").low > shares.at("light_oil", "upright", fill, "retina").value
 
 
+@pytest.mark.thorough
 def test_ranges_hold_the_values_and_quadrants_make_up_halves(shares):
     for key, share in shares.found.items():
         assert 0.0 <= share.low <= share.value <= share.high <= 100.0, key
@@ -64,6 +66,7 @@ def test_ranges_hold_the_values_and_quadrants_make_up_halves(shares):
             assert sides[0] == pytest.approx(sides[1], abs=1.5)  # the eye is its own mirror image
 
 
+@pytest.mark.thorough
 def test_gas_in_a_sphere_is_that_of_young_and_laplace(outcomes, shares):
     """Arc and wall of a gas with a Bond number of 16 in 11 mm, from a table that was computed apart from this code."""
     rows = {(row.at, row.quantity): row for row in outcomes["gas"].rows}
@@ -89,6 +92,7 @@ def test_densities_are_those_of_the_liquids(study):
         assert case.parameters.aqueous_density == pytest.approx(materials["aqueous"].density)
 
 
+@pytest.mark.thorough
 def test_the_page_is_written_with_its_table_and_pictures(study, outcomes, tmp_path):
     case = study.case("filled_eye-light_oil-0.024")
     drawn = case.family.run(dataclasses.replace(case.parameters, fills=(0.85,), postures=("left_side",),
@@ -112,6 +116,7 @@ def test_the_page_is_written_with_its_table_and_pictures(study, outcomes, tmp_pa
     assert len({(line["tamponade"], line["posture"], line["fill [%]"], line["part"]) for line in lines}) == len(lines)
 
 
+@pytest.mark.thorough
 def test_gas_in_front_of_the_viewpoint_is_seen_from_another_one(monkeypatch):
     monkeypatch.setattr(rest, "STEPS", 40)  # those that settle need less
     gas, fills = Liquids(1003.8, 0.072, np.radians(38.8)), (0.5,)

@@ -38,6 +38,7 @@ def outcomes(study) -> list[Outcome]:
     return found
 
 
+@pytest.mark.thorough
 def test_ranges_hold_the_values_and_quadrants_make_up_halves(outcomes):
     eyes = Eyes.of(outcomes)
     for key, share in eyes.found.items():
@@ -48,6 +49,7 @@ def test_ranges_hold_the_values_and_quadrants_make_up_halves(outcomes):
         assert np.mean(sides) == pytest.approx(eyes.at(name, "upright", "inferior").value, abs=0.3)
 
 
+@pytest.mark.thorough
 def test_the_average_eye_is_that_of_the_study_of_fills(outcomes):
     """The retina and its lower half at 85 %, upright, by an independent minimizer: 67.5 and 36.0 %."""
     eyes = Eyes.of(outcomes)
@@ -57,6 +59,7 @@ def test_the_average_eye_is_that_of_the_study_of_fills(outcomes):
     assert eyes.volumes["24 mm, buckle of 3 mm, at 4 to 8 h"].value < 4.9
 
 
+@pytest.mark.thorough
 def test_the_page_says_what_was_assumed_and_what_was_not_validated(study, outcomes, tmp_path):
     text = "".join(write_page(study.description, outcomes, tmp_path))
     for words in ("not for decisions on a patient", "Patient upright, 85 % of the volume filled with light oil",
@@ -66,12 +69,14 @@ def test_the_page_says_what_was_assumed_and_what_was_not_validated(study, outcom
     assert (tmp_path / "eye_maps.png").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_a_study_writes_no_pictures_but_its_own(study, outcomes, tmp_path):
     cases = {one.case: study.case(one.case) for one in outcomes}
     write_study(dataclasses.replace(study, cases=cases), outcomes, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"table.csv", "table.html", "eye_maps.png", "shares.csv"}
 
 
+@pytest.mark.thorough
 def test_every_eye_of_the_study_can_be_filled(study):
     """A band, a staphyloma, an open chamber and a mesh are seen whole from one point; 642 directions are enough."""
     from pipeline.equilibrium.star_cavity import COARSE, cavity_of
@@ -111,6 +116,7 @@ def test_the_judge_has_the_wall_of_the_eye(name):
     assert value == pytest.approx(1e3 * case.level(points), abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_the_judge_starts_level_with_the_volume_asked_for():
     case = surface_evolver.CASES["eye_upright"]
     points, faces, on_wall, wall_faces, volume = surface_evolver.level_start(case)

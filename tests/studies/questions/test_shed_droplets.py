@@ -28,6 +28,7 @@ def parts(monkeypatch):
     return case, load_scene(ROOT / "config" / "scenes" / f"{shed_droplets.SCENE}.yaml", "draft")
 
 
+@pytest.mark.thorough
 def test_droplets_that_rise_end_at_the_contact_line_and_those_that_sink_at_the_bottom(rest):
     """The line of oil in a sphere is level, and the highest place of the aqueous."""
     middle, length = shed_droplets.line_of(rest)
@@ -41,6 +42,7 @@ def test_droplets_that_rise_end_at_the_contact_line_and_those_that_sink_at_the_b
     assert (np.linalg.norm(risen, axis=1) < RADIUS + 1e-5).all()
 
 
+@pytest.mark.thorough
 def test_droplets_follow_the_law_and_the_shape(parts):
     """In proportion to one over the viscosity; to one over the tension but for the shape, whose line grows shorter."""
     case, scene = parts
@@ -52,6 +54,7 @@ def test_droplets_follow_the_law_and_the_shape(parts):
     assert 26.0 * shed_droplets.WEEK * shed == pytest.approx(3.1e-6, rel=0.5)  # on moving particles
 
 
+@pytest.mark.thorough
 def test_the_page_tells_what_sheds_droplets_and_that_time_is_assumed(parts, tmp_path, monkeypatch):
     scene = parts[1]
     monkeypatch.setattr(shed_droplets, "TRACED", 20)

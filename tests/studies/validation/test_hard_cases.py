@@ -95,6 +95,7 @@ def scene(tmp_path):
     return load_scene(path, "draft")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("hook", "words"), [
     ("acceleration", "the effect fault gives particle 17 (aqueous, at ("),
     ("velocity", "the part 'fault' makes the velocity of particle 17 (aqueous, at ("),
@@ -139,6 +140,7 @@ def tanks(taichi):
     return {scheme: make(scheme) for scheme, (make, _) in CHOSEN.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", CHOSEN)
 def test_hard_cases_are_held(tanks, scheme):
     tank, cases = tanks[scheme], CHOSEN[scheme][1]
@@ -151,6 +153,7 @@ def test_hard_cases_are_held(tanks, scheme):
         assert verdict.outcome == hard.REFUSED and "the fixed time step of" in verdict.sentence
 
 
+@pytest.mark.thorough
 def test_judge_sees_what_breaks(tanks):
     """Limits that nothing can hold turn a verdict into a failure that names them."""
     none = hard.Limits(speed=0.0, outside=-1.0, energy=-1.0, compression=0.0)
@@ -160,6 +163,7 @@ def test_judge_sees_what_breaks(tanks):
         assert name in verdict.sentence
 
 
+@pytest.mark.thorough
 def test_fast_liquid_takes_small_steps_and_says_so_once(tanks, scene, tmp_path, capsys):
     tank = tanks["position_based"]
     tank.reset()
@@ -185,6 +189,7 @@ def test_eye_is_changed_as_the_case_says():
     assert scene.initial.fill == pytest.approx({"silicone_oil_1000": 0.01, "aqueous": 0.99})
 
 
+@pytest.mark.thorough
 def test_jolted_eye_is_judged_with_its_jolt():
     case = hard_eye.Parameters(scene="jolted_eye", duration=0.32, support_ratio=2.5)
     values = {row.quantity: row.value for row in hard_eye.run(case, eye_scene("jolted_eye")).rows}

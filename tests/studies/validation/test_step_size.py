@@ -18,6 +18,7 @@ def test_difference_is_relative_to_the_run_with_the_smallest_steps():
     assert step_size.differences({}) == []
 
 
+@pytest.mark.thorough
 def test_steps_are_the_largest_of_each_run_at_a_spacing_of_its_own():
     """At 2 mm steps of 0.56 and 0.28 ms divide 8.4 ms evenly; fewer steps cost less and are further off."""
     scene = load_scene(ROOT / "config" / "scenes" / "resting_eye.yaml", "draft")

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import pyvista
+from helpers.cases import thorough
 from scipy.spatial import cKDTree
 
 from pipeline.measures.isolation import isolated
@@ -181,6 +182,7 @@ def test_a_particle_amid_another_liquid_is_an_artifact_and_one_that_flies_is_non
 
 # Short runs
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("more", [{"cavity": "box", "density_ratio": 0.965, "viscosity": 1.0},
                                   {"cavity": "circle", "interface": "level_set"},
@@ -194,7 +196,8 @@ def test_layers_at_rest_carry_their_weight(more):
 
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize(("more", "largest"), [({}, 3e-3), ({"interface": "level_set"}, 1e-4),
-                                               ({"tension": 0.04}, 1e-4)], ids=["labels", "level_set", "tension"])
+                                               thorough({"tension": 0.04}, 1e-4)],
+                         ids=["labels", "level_set", "tension"])
 def test_closed_tank_without_viscosity_stays_at_rest(more, largest):
     """In short: 3 of 20 rest times. At labels 12 spacings have 1.9e-3; at the level set what the solve leaves."""
     outcome = still_tank.run(still_tank.Parameters(resolutions=(12,), rest_times=3.0, **more))
@@ -213,6 +216,7 @@ def test_creeping_drop_is_that_of_the_textbooks_at_its_limits():
         assert creeping_drop.exact_speed(1e8, 1.0 / size) == pytest.approx(2.0 / 9.0 * slower, rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_column_of_position_based_fluid_keeps_its_volume():
     """1 %; the published rest density would let it settle to 80 %."""
@@ -267,6 +271,7 @@ def test_vortex_decays_by_its_viscosity():
     assert values(outcome, "decay rate of the energy")[0] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("scheme", ["volume_incompressible", pytest.param("dfsph", marks=pytest.mark.slow)])
 def test_front_of_a_dam_break_runs_as_measured(scheme):
@@ -286,6 +291,7 @@ def test_front_of_a_dam_break_runs_as_measured(scheme):
     assert 0.0 < scatter < 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_run_that_goes_bad_is_reported_and_not_hidden(monkeypatch):
     """A solver that fails gives rows that do not hold, and the reason in words."""
@@ -302,6 +308,7 @@ def test_run_that_goes_bad_is_reported_and_not_hidden(monkeypatch):
     assert "it failed" in outcome.remarks[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_packed_start_is_disordered_but_even():
     """The viscosity of pair forces is wrong on a lattice, and a jittered start would never come to rest."""
@@ -463,6 +470,7 @@ def test_rise_between_plates_carries_the_pull_at_the_walls(angle):
     assert capillary_rise.exact_rise(case) * weight == pytest.approx(pressures[0] - pressures[1])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_tension_lifts_a_liquid_between_plates_by_its_weight():
     """The study asks for 5 % at 10 spacings and more between the plates."""

@@ -56,6 +56,7 @@ def test_film_of_theory_is_thinner_than_half_a_particle_but_where_it_is_fast():
         assert (thickness < 0.5 * case.radius / resolution) == below
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_tube_holds_its_volume():
     """A cylinder with round ends; no particle is outside."""
@@ -69,6 +70,7 @@ def test_tube_holds_its_volume():
 
 # Runs
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_film_on_an_upright_plate_slides_down_and_nothing_of_it_stays():
     """Without the effect more than a third stays; the study asks for more rows and for the speed."""
@@ -78,6 +80,7 @@ def test_film_on_an_upright_plate_slides_down_and_nothing_of_it_stays():
     assert "particles with another volume than at the start, liquid by liquid" not in rows_that_fail(outcome)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_film_on_a_level_plate_stays_and_a_hole_grows_no_faster_than_theory():
     outcome = film_on_plate.run(film_on_plate.Parameters(inclination=0.0, hole=6, resolutions=(24,), times=1.2))
@@ -85,6 +88,7 @@ def test_film_on_a_level_plate_stays_and_a_hole_grows_no_faster_than_theory():
     assert not rows_that_fail(outcome)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_thin_lens_at_rest_is_no_film():
     """In short: with the study's 2 s the shares agree as well."""
@@ -92,6 +96,7 @@ def test_thin_lens_at_rest_is_no_film():
     assert not rows_that_fail(outcome)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_oil_that_drives_aqueous_down_a_channel_leaves_hardly_any_of_it_on_the_walls():
     outcome = deposited_film.run(deposited_film.Parameters(capillary_number=1e-3, resolutions=(6,)))
