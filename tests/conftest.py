@@ -20,7 +20,7 @@ COMPILED = ROOT / ".pytest_cache" / "taichi"
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
-LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast")
+LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "stages")
 
 
 # Where all tests are collected:

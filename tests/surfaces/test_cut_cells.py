@@ -1,8 +1,8 @@
 """Cells cut along the wall: closed whatever the fields, and exact where these are flat."""
 import numpy as np
 import pytest
+from helpers.closed_meshes import assert_closed
 from helpers.synthetic_frames import RADIUS, ball
-from test_reconstruct import assert_closed
 
 from pipeline.surfaces.bricks import Bricks, spline_range
 from pipeline.surfaces.cavity_cut import CavityCut

@@ -8,6 +8,7 @@ import pytest
 import pyvista
 import trimesh
 from helpers.cases import thorough
+from helpers.closed_meshes import assert_closed
 from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from scipy.spatial import cKDTree
 
@@ -41,14 +42,6 @@ def reconstructors():
 @pytest.fixture(scope="module")
 def reconstructor(reconstructors):
     return reconstructors["sharp"]
-
-
-def assert_closed(mesh):
-    """Compare with trimesh, which knows nothing of our own check."""
-    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
-    assert solid.is_watertight and solid.is_winding_consistent
-    assert mesh.is_closed()
-    assert solid.volume == pytest.approx(mesh.volume, rel=1e-9) and mesh.volume > 0
 
 
 @pytest.mark.thorough
