@@ -15,7 +15,8 @@ from pipeline.scenes.load import project_materials
 from pipeline.studies.family import Family
 from pipeline.studies.model import Outcome, Row
 from sim.parameters import parameter
-from studies.questions.kit.surgeons_words import CANNULAS, OILS
+from studies.questions.exchanged_oil._words import CANNULAS
+from studies.questions.kit.words import OILS
 
 MILLIMETER_OF_MERCURY = 133.322  # Pa
 DIAMETER_ERROR = 0.05   # of the inner diameter: makers differ, and a fifth of the flow goes with it

@@ -27,8 +27,9 @@ from pipeline.studies.family import Family
 from pipeline.studies.model import Outcome, Row
 from sim.errors import RunError
 from sim.parameters import parameter
+from studies.questions.exchanged_oil._words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, PIECES
 from studies.questions.kit.resting_eye import RestingEye
-from studies.questions.kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, OILS, PIECES
+from studies.questions.kit.words import OILS
 
 SCENES = {"removal": "oil_removal", "filling": "tamponade"}
 READING = 0.01      # of the cavity, that flows from one reading to the next

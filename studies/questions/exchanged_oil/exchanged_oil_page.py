@@ -20,7 +20,7 @@ from pipeline.studies.question_page import (
     write_csv,
     write_picture,
 )
-from studies.questions.kit.surgeons_words import LARGEST, LEFT, LOST_AT, PIECES
+from studies.questions.exchanged_oil._words import LARGEST, LEFT, LOST_AT, PIECES
 from studies.questions.moved_oil.moved_oil_page import oil_words
 
 PICTURES, TABLES = ("exchange",), ("cannulas", "exchanges", "courses")

@@ -32,7 +32,7 @@ from pipeline.simulation.solver_setup import build_solver, frame_of
 from pipeline.studies.family import Family
 from pipeline.studies.model import WALL_TIME, Curve, Figure, Outcome, Row
 from sim.parameters import parameter
-from studies.questions.kit.surgeons_words import EYE_RUNS, covered_at
+from studies.questions.eye_accuracy._words import EYE_RUNS, covered_at
 
 if TYPE_CHECKING:
     import trimesh

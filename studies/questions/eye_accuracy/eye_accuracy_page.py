@@ -16,7 +16,7 @@ from pipeline.forecast.retina_error import COLUMNS
 from pipeline.studies.model import Outcome, Row
 from pipeline.studies.plan import spacings
 from pipeline.studies.question_page import WORDS, StudyPage, drawn, link_to, table_rows, write_csv, write_picture
-from studies.questions.kit.surgeons_words import EYE_RUNS, covered_at
+from studies.questions.eye_accuracy._words import EYE_RUNS, covered_at
 
 PICTURES, TABLES = ("accuracy_eye",), ("eye_runs", "eye_errors")
 ON_THE_WAY = 4.0    # s, at which runs are set beside the finest one: oil still moves

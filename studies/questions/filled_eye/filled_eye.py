@@ -15,6 +15,7 @@ from pipeline.scenes.model import Eye
 from pipeline.studies.family import Family
 from pipeline.studies.model import Outcome, Row
 from sim.parameters import parameter
+from studies.questions.filled_eye._words import MODEL_ARC, SPHERE, TAMPONADES, TOUCHED_BY_FILL, WHOLE_SPHERE
 from studies.questions.kit.eye_pictures import as_png_file, fundus_picture
 from studies.questions.kit.fills_at_rest import (
     GRAVITY,
@@ -30,16 +31,7 @@ from studies.questions.kit.fills_at_rest import (
     range_of,
     shares_of,
 )
-from studies.questions.kit.surgeons_words import (
-    AQUEOUS,
-    MODEL_ARC,
-    PARTS,
-    SHOWN,
-    SPHERE,
-    TAMPONADES,
-    TOUCHED_BY_FILL,
-    WHOLE_SPHERE,
-)
+from studies.questions.kit.words import AQUEOUS, PARTS, SHOWN
 from studies.validation.kit.young_laplace import Profile, oil_at_rest
 
 ARC_TOLERANCE, SHARE_TOLERANCE = 3.0, 1.2   # deg, points: of 2,562 directions, as in test_rest.py

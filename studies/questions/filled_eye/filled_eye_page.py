@@ -24,15 +24,8 @@ from pipeline.studies.question_page import (
     write_csv,
     write_picture,
 )
-from studies.questions.kit.surgeons_words import (
-    AQUEOUS,
-    MODEL_ARC,
-    SHOWN,
-    SPHERE,
-    TAMPONADES,
-    WHOLE_SPHERE,
-    posture_words,
-)
+from studies.questions.filled_eye._words import MODEL_ARC, SPHERE, TAMPONADES, WHOLE_SPHERE
+from studies.questions.kit.words import AQUEOUS, SHOWN, posture_words
 
 PICTURES, TABLES = ("fill_curves", "fundus_maps"), ("shares",)
 

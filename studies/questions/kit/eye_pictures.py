@@ -13,7 +13,7 @@ from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
 from pipeline.pictures.paint import OF_OIL
-from studies.questions.kit.surgeons_words import posture_words
+from studies.questions.kit.words import posture_words
 
 MAPS_HEAD, MAPS_SIDE = 54, 118              # pixels of a picture of maps: above, and at the left
 SIZE, GAP, SIDE, HEAD = 168, 6, 150, 34     # pixels: of a picture, between them, of the names, of the heads

@@ -14,7 +14,7 @@ from pipeline.equilibrium.star_cavity import DRAFT, StarCavity
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.planning.settings import postures
-from studies.questions.kit.surgeons_words import PARTS
+from studies.questions.kit.words import PARTS
 
 GRAVITY = 9.81
 HEAD_UP = "head_up_45"                      # the patient leans back by half a right angle

@@ -27,13 +27,13 @@ from sim.effects.eye_rotation import EyeRotationParameters, Saccade
 from sim.effects.gravity import Jolt, Turn
 from sim.parameters import parameter
 from studies.questions.kit.resting_eye import RestingEye
-from studies.questions.kit.surgeons_words import (
+from studies.questions.kit.words import OILS
+from studies.questions.moved_oil._words import (
     COURSES,
     EXACT_STRESS,
     HIGH_STRESS,
     JOLT,
     MOVEMENTS,
-    OILS,
     SACCADES,
     SHIFT,
     STANDING_UP,

@@ -20,7 +20,7 @@ from pipeline.studies.question_page import (
     write_csv,
     write_picture,
 )
-from studies.questions.kit.surgeons_words import (
+from studies.questions.moved_oil._words import (
     EXACT_STRESS,
     HIGH_STRESS,
     JOLT,

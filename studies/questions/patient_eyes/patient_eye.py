@@ -29,7 +29,8 @@ from studies.questions.kit.fills_at_rest import (
     percents,
     range_of,
 )
-from studies.questions.kit.surgeons_words import AQUEOUS, GROUPS, PARTS, ROW, SHOWN, TOUCHED_BY_EYE, VOLUME
+from studies.questions.kit.words import AQUEOUS, PARTS, SHOWN
+from studies.questions.patient_eyes._words import GROUPS, ROW, TOUCHED_BY_EYE, VOLUME
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,8 @@ from pipeline.studies.model import Outcome, Row
 from pipeline.studies.question_page import QuestionPage, StudyPage, joined_tables, link_to, write_csv, write_picture
 from studies.questions.filled_eye.filled_eye_page import SHOWN_PARTS, Share
 from studies.questions.kit.eye_pictures import all_eyes, as_png_file
-from studies.questions.kit.surgeons_words import AQUEOUS, GROUPS, ROW, SHOWN, VOLUME, posture_words
+from studies.questions.kit.words import AQUEOUS, SHOWN, posture_words
+from studies.questions.patient_eyes._words import GROUPS, ROW, VOLUME
 
 PICTURES, TABLES = ("eye_maps",), ("shares",)
 OTHER_PARTS = ("retina", "inferior", "macula")      # of other postures

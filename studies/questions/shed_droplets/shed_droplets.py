@@ -29,14 +29,14 @@ from sim.effects.contact_line_emulsification import (
 )
 from sim.parameters import parameter
 from studies.questions.kit.resting_eye import RestingEye
-from studies.questions.kit.surgeons_words import (
+from studies.questions.kit.words import OILS
+from studies.questions.shed_droplets._words import (
     BASE,
     FILL,
     GATHERED,
     LINE_BY_PARTICLES,
     MOVEMENT,
     OIL,
-    OILS,
     POSTURE,
     SHED,
     TENSION,

@@ -19,8 +19,8 @@ from pipeline.studies.question_page import (
     write_csv,
     write_picture,
 )
-from studies.questions.kit.surgeons_words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
 from studies.questions.moved_oil.moved_oil_page import oil_words
+from studies.questions.shed_droplets._words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
 
 PICTURES, TABLES = ("droplets",), ("shed", "gathered", "tracers", "sections")
 WASHED_OUT = (3.5, 0.3, 38.0)  # ppm of the volume: mean, least and most of wash-outs [yu2020, abstract]

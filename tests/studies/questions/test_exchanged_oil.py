@@ -11,7 +11,7 @@ from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import write_study
 from studies.questions.exchanged_oil import cannula_flow, exchanged_oil
-from studies.questions.kit.surgeons_words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, PIECES
+from studies.questions.exchanged_oil._words import EXCHANGE_COURSES, EXCHANGES, LARGEST, LEFT, LOST_AT, PIECES
 
 
 @pytest.fixture

@@ -26,9 +26,9 @@ from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import write_study
 from studies.questions.eye_accuracy import eye_accuracy
+from studies.questions.eye_accuracy._words import EYE_RUNS
 from studies.questions.eye_accuracy.eye_accuracy import Parameters, changed, compared, deepest_aqueous, read, solved
 from studies.questions.eye_accuracy.eye_accuracy_page import in_short, write_page
-from studies.questions.kit.surgeons_words import EYE_RUNS
 
 SCENES = ROOT / "config" / "scenes"
 CASE = Parameters(scene="resting_eye", particle_spacing=2e-3, times=(0.1, 0.2, 3.0), precision="f64")

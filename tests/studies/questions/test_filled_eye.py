@@ -15,8 +15,9 @@ from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import write_study
 from studies.questions.filled_eye import filled_eye
+from studies.questions.filled_eye._words import SPHERE
 from studies.questions.filled_eye.filled_eye_page import Shares
-from studies.questions.kit.surgeons_words import PARTS, SPHERE
+from studies.questions.kit.words import PARTS
 
 FILLS = (0.7, 0.8, 0.9)
 

@@ -14,7 +14,8 @@ from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import write_study
 from sim.effects.eye_rotation import Saccade
-from studies.questions.kit.surgeons_words import (
+from studies.questions.moved_oil import moved_oil
+from studies.questions.moved_oil._words import (
     COURSES,
     EXACT_STRESS,
     HIGH_STRESS,
@@ -27,7 +28,6 @@ from studies.questions.kit.surgeons_words import (
     WAY_LEFT,
     time_to_make,
 )
-from studies.questions.moved_oil import moved_oil
 from studies.validation.turned_sphere import Turned
 
 SPACING = 1e-3

@@ -10,7 +10,7 @@ from pipeline.scenes.model import Buckle, Eye
 from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import write_study
-from studies.questions.kit.surgeons_words import PARTS
+from studies.questions.kit.words import PARTS
 from studies.questions.patient_eyes import patient_eye
 from studies.questions.patient_eyes.patient_eyes_page import Eyes, write_page
 from studies.validation import rest_by_simulation
