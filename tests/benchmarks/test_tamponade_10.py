@@ -69,7 +69,7 @@ def test_the_reference_tables_are_those_of_the_exact_solutions():
 
 def test_references_are_those_that_others_have_computed():
     """A sphere without gravity is a cap; the shapes of the pipeline and the known numbers of textbooks."""
-    from pipeline.study_kit.young_laplace import oil_at_rest
+    from studies.validation.kit.young_laplace import oil_at_rest
 
     beta, apex = references.interface_in_sphere(0.011, 0.0, np.radians(60.0), 0.8)
     exact = oil_at_rest(0.8, np.radians(60.0), 0.0, 0.011, 3)

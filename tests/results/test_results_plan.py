@@ -4,15 +4,15 @@ import dataclasses
 import shutil
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.results.plan import LONG, PLAN, Run, made_by, not_made, read_plan, time_taken
 from pipeline.results.tables import FOLDER, Row, read_layout, read_rows
 from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import load_accuracy_levels
-from pipeline.study_kit.plan import cached_study, study_names
+from pipeline.studies.plan import cached_study, study_names
 from pipeline.workflow.results import Results
 from pipeline.workflow.studies import Studies
 
@@ -58,7 +58,7 @@ def test_the_pages_are_refused_where_a_table_has_no_run(tmp_path):
     ("./run outputs/gas_eye/draft/metrics.csv", {("scene", "gas_eye", "draft")}),
     ("./run", {("scene", "tamponade", "draft"), ("scene", "emulsification", "draft")}),
     ("./run all --config accuracy=draft", {("scene", "tamponade", "draft"), ("scene", "emulsification", "draft")}),
-    ("pytest tests/measures/test_metrics.py -k wedge", set()),
+    ("pytest tests/stages/test_metrics.py -k wedge", set()),
 ])
 def test_a_command_stands_for_its_runs(command, runs):
     assert made_by(Row("a", "b", "c", level="draft", command=command)) == runs
