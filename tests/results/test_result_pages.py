@@ -9,7 +9,7 @@ import pytest
 from helpers import forked
 
 from pipeline.base.errors import UserError
-from pipeline.result_pages import main
+from pipeline.result_pages import BEGIN, END, main
 from pipeline.results.tables import read_layout, read_rows, write_rows
 from pipeline.scenes.load import load_scene
 from pipeline.studies.model import COLUMNS as STUDY_COLUMNS
@@ -53,6 +53,41 @@ def test_the_pages_and_the_readme_are_those_of_their_tables():
 
 
 @pytest.mark.thorough
+def typed_numbers(text: str) -> list[tuple[str, str, list[str]]]:
+    """Numbers with a unit that somebody has typed beside links to results: number, unit of the tables, linked pages."""
+    before, _, rest = text.partition(BEGIN)
+    found = []
+    for line in (before + rest.partition(END)[2]).splitlines():
+        linked = re.findall(r"docs/results/(\w+)\.md", line)
+        plain = re.sub(r"\]\([^)]*\)|`[^`]*`", "", line)
+        told = re.findall(rf"([\d.]+) ({'|'.join(TYPED)})\b", plain) if linked else []
+        found += [(number, TYPED[unit], linked) for number, unit in told]
+    return found
+
+
+def not_of_tables(text: str) -> list[str]:
+    """Those of them that no row of the linked pages has, as they are rounded."""
+    wrong = []
+    for number, unit, linked in typed_numbers(text):
+        digits = len(number.partition(".")[2])
+        rows = [row for page in linked for row in rows_of(ROOT, page)]
+        values = [float(row.value) for row in rows if row.unit == unit and row.value] + [
+            float(row.error) for row in rows if row.error_unit == unit and row.error]
+        if not any(round(value, digits) == float(number) for value in values):
+            wrong.append(f"{number} {unit}")
+    return wrong
+
+
+TYPED = {"minutes": "min", "points": "points"}  # as prose has them, and as tables do
+
+
+def test_numbers_typed_into_the_readme_beside_results_are_of_the_tables():
+    readme = (ROOT / "README.md").read_text()
+    assert len(typed_numbers(readme)) >= 2
+    assert not_of_tables(readme) == []
+    assert not_of_tables(readme.replace("within 2.3 points", "within 2.9 points")) == ["2.9 points"]
+
+
 def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_written(project):
     table = project / "docs" / "results" / "costs.csv"
     table.write_text(re.sub(r"of the simulation,[\d.]+,", "of the simulation,14.5,", table.read_text(), count=1))
