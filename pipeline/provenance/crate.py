@@ -232,7 +232,7 @@ class _Crate:
             instrument={"@id": f"{file_id(WORKFLOW / SNAKEFILE)}#{job.rule}"}, actionStatus=DONE)
         given = [self._input(name) for name in job.inputs]
         if job.digests:
-            given.append(add(f"#digest-{job.rule}-{'-'.join(job.digests)}", "PropertyValue", value=list(job.digests),
+            given.append(add(f"#digest-{job.rule}-{'-'.join(job.digests)}", "PropertyValue", value=" ".join(job.digests),
                              name="digest of the code and of what it reads of the scene"))
         add(f"#job-{job.name}", "CreateAction", name=job.name, description=job.command,
             instrument={"@id": f"#pipeline.{job.stage}"}, object=each_once(given),

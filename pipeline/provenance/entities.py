@@ -35,9 +35,10 @@ class Entities:
         Parameters
         ----------
         name : its id.
-        properties : what is empty is left out.
+        properties : what is empty is left out, and a list of one thing is that thing, as RO-Crate recommends.
         """
-        kept = {key: value for key, value in properties.items() if value not in (None, "", [])}
+        kept = {key: value[0] if isinstance(value, list) and len(value) == 1 else value
+                for key, value in properties.items() if value not in (None, "", [])}
         self._found.setdefault(name, {"@id": name, "@type": kind, **kept})
         return {"@id": name}
 
@@ -69,6 +70,15 @@ def moment(seconds: float) -> str:
     '1970-01-01T00:00:01.500+00:00'
     """
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+
+
+def listed(value: Any) -> list[Any]:
+    """Return a property as a list: of all its values, of the only one, or of none.
+
+    >>> listed([1, 2]), listed(1), listed(None)
+    ([1, 2], [1], [])
+    """
+    return value if isinstance(value, list) else [] if value is None else [value]
 
 
 def each_once(references: Iterable[Reference]) -> list[Reference]:

@@ -5,6 +5,7 @@ from pathlib import PurePosixPath
 
 CRATE = "ro-crate-metadata.json"
 APART = ("damaged", "logs")  # what was set aside, and what stages have said
+_FRAME = re.compile(r"frame_\d{5,}")
 _SEGMENT = re.compile(r"segment_(\d{3,})")
 
 
@@ -21,6 +22,16 @@ def segment_of(path: PurePosixPath) -> str | None:
     """
     names = [match[1] for part in path.parts if (match := _SEGMENT.fullmatch(part.partition(".")[0]))]
     return names[0] if names else None
+
+
+def frame_of(path: PurePosixPath) -> str | None:
+    """Return the name of the frame that a file belongs to; None of one that belongs to none.
+
+    >>> frame_of(PurePosixPath("surfaces/segment_001/frame_00003_aqueous.vtp"))
+    'frame_00003'
+    """
+    match = _FRAME.match(path.name)
+    return match[0] if match else None
 
 
 def left_over(paths: Iterable[PurePosixPath], segments: Iterable[str]) -> dict[str, list[PurePosixPath]]:

@@ -5,7 +5,7 @@
 It needs a Python with the validator, which is no dependency of the pipeline and brings thirty packages of its own
 (`pip install roc-validator`); without one the script says so and judges nothing. Profiles come with the validator. What
 the words of a crate mean it asks of two pages on the web; here it gets the few that our crates use, so that no network
-is needed, and a word that is none of them is an error. `--online` lets it ask.
+is needed; a word that is none of them is told too. `--online` lets it ask.
 """
 import argparse
 import importlib.util
@@ -13,6 +13,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 PYTHON = "ROCRATE_PYTHON"   # variable of the environment that names the Python with the validator
@@ -64,7 +65,24 @@ def judged(run: Path, python: str, severity: str = "REQUIRED", contexts: dict = 
                           capture_output=True, env=environment, check=False)
     if done.returncode:
         raise SystemExit(f"{python} ended with {done.returncode}: {(done.stdout + done.stderr)[-1000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    said = json.loads(done.stdout.splitlines()[-1])
+    known = {word for words in contexts.values() for word in words}
+    said["issues"] += [f"unknown word: {word}" for word in sorted(words_of(run) - known)] if known else []
+    return said
+
+
+def words_of(run: Path) -> set[str]:
+    """Return the words of a crate whose meaning its contexts have to tell: types and properties."""
+    if run.is_file():
+        with zipfile.ZipFile(run) as archive:
+            text = archive.read(next(name for name in archive.namelist() if name.endswith("ro-crate-metadata.json")))
+    else:
+        text = (run / "ro-crate-metadata.json").read_bytes()
+    words = set()
+    for entity in json.loads(text)["@graph"]:
+        kinds = entity["@type"]
+        words |= {*entity} - {"@id", "@type"} | {*(kinds if isinstance(kinds, list) else [kinds])}
+    return words
 
 
 INSIDE = """
