@@ -20,8 +20,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m pipeline.crate", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER",
-                        help="results of a level, outputs/<scene>/<level>; called where the scene was run, for Snakemake's "
-                             "notes are there")
+                        help="results of a level, outputs/<scene>/<level>; to be called where the scene was run, since "
+                             "Snakemake's notes are there")
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="that read files (default: 1)")
     options = parser.parse_args(arguments)
     made = RunFolder(options.folder)

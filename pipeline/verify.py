@@ -28,7 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER",
                         help="a run with its crate: outputs/<scene>/<level>, a copy of it, or a ZIP archive of that")
-    parser.add_argument("--any-code", action="store_true", help="do not compare the code that made the run with this code")
+    parser.add_argument("--any-code", action="store_true",
+                        help="do not compare the code that made the run with this one")
     options = parser.parse_args(arguments)
     found = compare(place_of(options.folder), available_cores(), code=not options.any_code)
     for sentence in found.notes + found.differences:

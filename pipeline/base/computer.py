@@ -22,5 +22,5 @@ def processor() -> str:
 
 def computer() -> str:
     """Return the processor, its cores, the memory and the system of this computer."""
-    return (f"{processor()}, {available_cores()} of {os.cpu_count()} cores, {in_words(memory_of_computer())} of memory, "
+    return (f"{processor()}, {available_cores()} of {os.cpu_count()} cores, {in_words(memory_of_computer())}, "
             f"{platform.system()} {platform.machine()}")

@@ -7,10 +7,10 @@ relative to the folder: it may be moved or packed.
 import dataclasses
 import functools
 import hashlib
+import json
 import os
 import platform
 import subprocess
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
@@ -47,16 +47,36 @@ USED = {"wall": ("seconds on the clock", "SEC"), "cpu": ("seconds of all cores",
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """A file of a run: its size, bytes, and its SHA-256."""
+    """A file of a run: its size, bytes, the time of its last change in ISO 8601, and its SHA-256."""
 
     size: int
+    changed: str
     checksum: str
 
 
-def measure(path: Path) -> Measured:
-    """Return size and checksum of a file, read once."""
+def measure(path: Path, before: Measured | None = None) -> Measured:
+    """Return size, date and checksum of a file.
+
+    Parameters
+    ----------
+    before : what an earlier crate says of it. A file of the same size and date is not read again: large runs would be,
+        whenever a page is made anew.
+    """
     with path.open("rb") as file:
-        return Measured(os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest())
+        state = os.fstat(file.fileno())
+        size, changed = state.st_size, moment(state.st_mtime)
+        if before is not None and (size, changed) == (before.size, before.changed):
+            return before
+        return Measured(size, changed, hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def measured_before(path: Path) -> dict[str, Measured]:
+    """Return what an earlier crate says of the files of a run, by their ids; nothing of one that cannot be read."""
+    try:
+        found = [one for one in json.loads(path.read_bytes())["@graph"] if "dateModified" in one]
+        return {one["@id"]: Measured(int(one["contentSize"]), one["dateModified"], one["sha256"]) for one in found}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def copied_rules() -> dict[PurePosixPath, str]:
@@ -102,8 +122,9 @@ def crate_of(run: RunFolder, threads: int = 1) -> str:
     """
     outputs = _outputs(run)
     if not outputs:
-        raise UserError(f"{run.folder}: Snakemake has no notes of this run in {Path.cwd()}; make the crate in the folder "
-                        f"in which it was run, by snakemake -j2 outputs/{run.scene.name}/{run.level}/{CRATE}")
+        raise UserError(f"{run.folder}: Snakemake has no notes of this run in {Path.cwd()}; make the crate in the "
+                        "folder in which it was run, by snakemake -j2 "
+                        f"outputs/{run.scene.name}/{run.level}/{CRATE}")
     return _Crate(run, outputs, threads).entities.text()
 
 
@@ -120,7 +141,7 @@ def _outputs(run: RunFolder) -> dict[Job, list[PurePosixPath]]:
 
 
 def _within(folder: Path, name: str) -> PurePosixPath | None:
-    """A file of the run relative to its folder, by the name that Snakemake has for it; None of one that is elsewhere."""
+    """A file of the run relative to its folder, by Snakemake's name for it; None of one that is elsewhere."""
     _, found, inside = f"/{name}".rpartition("/" + "/".join(folder.resolve().parts[-3:]) + "/")
     return PurePosixPath(inside) if found else None
 
@@ -131,8 +152,10 @@ class _Crate:
     def __init__(self, run: RunFolder, outputs: dict[Job, list[PurePosixPath]], threads: int):
         self.run, self.outputs, self.entities = run, outputs, Entities()
         paths = sorted({path for made in ([WORKFLOW], *outputs.values()) for one in made for path in self._files(one)})
+        before = measured_before(run.folder / CRATE)
         with ThreadPoolExecutor(threads) as pool:
-            self.measured = dict(zip(paths, pool.map(measure, (run.folder / path for path in paths)), strict=True))
+            self.measured = dict(zip(paths, pool.map(
+                lambda path: measure(run.folder / path, before.get(file_id(path))), paths), strict=True))
         self._describe()
 
     def _files(self, path: PurePosixPath) -> list[PurePosixPath]:
@@ -163,9 +186,14 @@ class _Crate:
             inside = {path.relative_to(folder).parts[0] for path in self.measured if path.is_relative_to(folder)}
             add(folder_id(folder), "Dataset", name=f"{folder}", hasPart=[
                 self._reference(folder / part) for part in sorted(inside)])
-        for path, measured in self.measured.items():
-            add(file_id(path), "File", name=path.name, contentSize=str(measured.size), sha256=measured.checksum,
-                encodingFormat=FORMATS.get(path.suffix, "text/plain"))
+        for path in self.measured:
+            add(file_id(path), "File", name=path.name, encodingFormat=FORMATS.get(path.suffix, "text/plain"),
+                **self._measured(path))
+
+    def _measured(self, path: PurePosixPath) -> dict[str, str]:
+        """The properties of a file that were measured."""
+        one = self.measured[path]
+        return {"contentSize": str(one.size), "dateModified": one.changed, "sha256": one.checksum}
 
     def _span(self) -> tuple[float, float]:
         return min(job.start for job in self.outputs), max(job.end for job in self.outputs)
@@ -185,8 +213,7 @@ class _Crate:
                      **(level if name == "accuracy" else {})) for name, value in values.items() if value != ""]
         add("scene.json", "File", name="scene.json", exampleOfWork={"@id": "#parameter-scene"},
             description="The scene with every default, in SI units", encodingFormat=FORMATS[".json"],
-            contentSize=str(self.measured[PurePosixPath("scene.json")].size),
-            sha256=self.measured[PurePosixPath("scene.json")].checksum)
+            **self._measured(PurePosixPath("scene.json")))
         results = [self._reference(path) for made in self.outputs.values() for path in made]
         add("#engine", "OrganizeAction", name="Run of Snakemake", instrument={"@id": "#Snakemake"},
             object=[{"@id": f"#step-{job.name}"} for job in self.outputs], result={"@id": "#run"},
@@ -214,8 +241,7 @@ class _Crate:
             conformsTo={"@id": "https://bioschemas.org/profiles/ComputationalWorkflow/1.0-RELEASE"},
             hasPart=[{"@id": f"#pipeline.{stage}"} for stage in dict.fromkeys(stages.values())],
             step=[{"@id": f"{file_id(path)}#{rule}"} for rule in rules], input=parameters,
-            softwareRequirements=[python, *used], contentSize=str(self.measured[path].size),
-            sha256=self.measured[path].checksum, encodingFormat="text/plain")
+            softwareRequirements=[python, *used], encodingFormat="text/plain", **self._measured(path))
         add("https://bioschemas.org/profiles/ComputationalWorkflow/1.0-RELEASE", "CreativeWork",
             name="ComputationalWorkflow", version="1.0")
         add("https://spdx.org/licenses/MIT", "CreativeWork", name="MIT license")
@@ -232,7 +258,8 @@ class _Crate:
             instrument={"@id": f"{file_id(WORKFLOW / SNAKEFILE)}#{job.rule}"}, actionStatus=DONE)
         given = [self._input(name) for name in job.inputs]
         if job.digests:
-            given.append(add(f"#digest-{job.rule}-{'-'.join(job.digests)}", "PropertyValue", value=" ".join(job.digests),
+            digests = " ".join(job.digests)
+            given.append(add(f"#digest-{job.rule}-{digests.replace(' ', '-')}", "PropertyValue", value=digests,
                              name="digest of the code and of what it reads of the scene"))
         add(f"#job-{job.name}", "CreateAction", name=job.name, description=job.command,
             instrument={"@id": f"#pipeline.{job.stage}"}, object=each_once(given),
@@ -251,8 +278,8 @@ class _Crate:
     def _usage(self, job: Job) -> list[Reference]:
         path = self.run.folder / "logs" / f"{job.name}.log.json"
         taken = read_usage(path) if path.is_file() else {}
-        return [self.entities.add(f"#job-{job.name}-{kind}", "PropertyValue", name=name, unitCode=unit, value=taken[kind],
-                                  propertyID=kind)
+        return [self.entities.add(f"#job-{job.name}-{kind}", "PropertyValue", name=name, propertyID=kind,
+                                  unitCode=unit, value=taken[kind])
                 for kind, (name, unit) in USED.items() if kind in taken]
 
     def _describe_surroundings(self) -> None:

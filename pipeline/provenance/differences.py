@@ -75,7 +75,8 @@ def compare(place: Place, threads: int = 1, code: bool = True) -> Comparison:
     if code and scene is not None:
         older, notes = _older(recorded, scene)
         differences += older
-    return Comparison(differences, notes, len(recorded.files.keys() & found.keys()) - len(resized) - len(other), recorded)
+    whole = recorded.files.keys() & found.keys() - {*resized, *other}
+    return Comparison(differences, notes, len(whole), recorded)
 
 
 def _recorded(place: Place, sizes: dict[PurePosixPath, int]) -> Recorded:
@@ -91,8 +92,8 @@ def _recorded(place: Place, sizes: dict[PurePosixPath, int]) -> Recorded:
         values = _values(place)
         scene, level = values.get("name"), values.get("accuracy")
         if scene and level and (scene, level) != (recorded.scene, recorded.level):
-            raise UserError(f"{place.name}/{CRATE}: is the crate of {recorded.scene} at {recorded.level}, but the run is "
-                            f"{scene} at {level}; {how_to_make(scene, level)}")
+            raise UserError(f"{place.name}/{CRATE}: is the crate of {recorded.scene} at {recorded.level}, but the run "
+                            f"is {scene} at {level}; {how_to_make(scene, level)}")
     return recorded
 
 
@@ -184,7 +185,7 @@ def _several(paths: Sequence[PurePosixPath], what: str) -> list[str]:
     rest = paths[MOST:]
     kinds = dict.fromkeys(path.parts[0] for path in rest)
     return [*(f"{path}: {what}" for path in paths[:MOST]),
-            *([f"{', '.join(kinds)}: {counted(len(rest), 'more file')} of the same kind of difference"] if rest else [])]
+            *([f"{', '.join(kinds)}: {counted(len(rest), 'more file')} with the same difference"] if rest else [])]
 
 
 def _older(recorded: Recorded, scene: Scene) -> tuple[list[str], list[str]]:
@@ -196,5 +197,5 @@ def _older(recorded: Recorded, scene: Scene) -> tuple[list[str], list[str]]:
                     and not {stage_digest(job.stage, scene), stage_digest(job.stage)} & {*job.digests}})
     if not older:
         return [], []
-    return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made (by version "
-            f"{recorded.version}); this code may give other results, and running the scene again tells"], []
+    return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made, by "
+            f"version {recorded.version}; this code may give other results: run the scene again to see"], []

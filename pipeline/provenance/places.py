@@ -4,7 +4,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, Protocol
+from typing import IO, Protocol
 
 from pipeline.base.errors import UserError
 from pipeline.runs.contents import CRATE
@@ -18,7 +18,7 @@ class Place(Protocol):
     def sizes(self) -> dict[PurePosixPath, int]:
         """Return all files with their sizes, bytes."""
 
-    def open(self, path: PurePosixPath) -> contextlib.AbstractContextManager[BinaryIO]:
+    def open(self, path: PurePosixPath) -> contextlib.AbstractContextManager[IO[bytes]]:
         """Open a file to read it."""
 
     def folder(self) -> contextlib.AbstractContextManager[Path]:
@@ -36,7 +36,7 @@ class Folder:
         return {PurePosixPath(path.relative_to(self._path).as_posix()): path.stat().st_size
                 for path in self._path.rglob("*") if path.is_file()}
 
-    def open(self, path: PurePosixPath) -> BinaryIO:
+    def open(self, path: PurePosixPath) -> IO[bytes]:
         """Open a file to read it."""
         return (self._path / path).open("rb")
 
@@ -62,7 +62,7 @@ class Archive:
         return {PurePosixPath(one.filename).relative_to(self._top): one.file_size for one in self._archive.infolist()
                 if not one.is_dir() and PurePosixPath(one.filename).is_relative_to(self._top)}
 
-    def open(self, path: PurePosixPath) -> BinaryIO:
+    def open(self, path: PurePosixPath) -> IO[bytes]:
         """Open a file to read it."""
         return self._archive.open(str(self._top / path))
 

@@ -59,12 +59,13 @@ def jobs_of(folder: Path) -> list[Job]:
     """Return the jobs that made what is in ``outputs/<scene>/<level>``, in the order in which they began."""
     below = "/".join(folder.resolve().parts[-3:]) + "/"
     found: dict[str, Job] = {}
-    for name, note in notes():
+    for name, note in sorted(notes(), key=lambda one: one[0]):
         if f"/{name}".rpartition(f"/{below}")[1]:
             job = _job(name, note)
             before = found.get(job.name)
             found[job.name] = job if before is None else dataclasses.replace(
-                before, outputs=(*before.outputs, name), start=min(before.start, job.start), end=max(before.end, job.end))
+                before, outputs=(*before.outputs, name), start=min(before.start, job.start),
+                end=max(before.end, job.end))
     return sorted(found.values(), key=lambda job: (job.start, job.name))
 
 

@@ -19,11 +19,14 @@ from pathlib import Path
 PYTHON = "ROCRATE_PYTHON"   # variable of the environment that names the Python with the validator
 PROFILE = "provenance-run-crate"
 SCHEMA, BIOSCHEMAS, RUN = "http://schema.org/", "https://bioschemas.org/", "https://w3id.org/ro/terms/workflow-run#"
-WORDS = """about actionStatus additionalType ComputerLanguage contentSize ControlAction CreateAction CreativeWork Dataset
-datePublished description encodingFormat endTime exampleOfWork hasPart HowTo HowToStep identifier IndividualProduct
-instrument license mainEntity mentions name object OrganizeAction position programmingLanguage propertyID PropertyValue
-result SoftwareApplication softwareRequirements SoftwareSourceCode softwareVersion startTime step unitCode url value version
-workExample""".split()
+WORDS = [
+    "about", "actionStatus", "additionalType", "ComputerLanguage", "contentSize", "ControlAction", "CreateAction",
+    "CreativeWork", "Dataset", "dateModified", "datePublished", "description", "encodingFormat", "endTime",
+    "exampleOfWork", "hasPart", "HowTo", "HowToStep", "identifier", "IndividualProduct", "instrument", "license",
+    "mainEntity", "mentions", "name", "object", "OrganizeAction", "position", "programmingLanguage", "propertyID",
+    "PropertyValue", "result", "SoftwareApplication", "softwareRequirements", "SoftwareSourceCode", "softwareVersion",
+    "startTime", "step", "unitCode", "url", "value", "version", "workExample",
+]
 CONTEXTS = {
     "https://w3id.org/ro/crate/1.1/context": {
         **{word: SCHEMA + word for word in WORDS}, "File": f"{SCHEMA}MediaObject",

@@ -23,6 +23,7 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
+from pipeline.runs.contents import CRATE
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks
@@ -207,7 +208,7 @@ def finished(tmp_path_factory, can_draw):
 def targets(can_draw):
     """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
     names = ["metrics.csv", "advice.html", "effects.html", "run.pvd"]
-    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html"] * can_draw]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html", CRATE] * can_draw]
 
 
 def test_tiny_scene_makes_everything(finished, can_draw):
@@ -234,6 +235,24 @@ def test_tiny_scene_makes_everything(finished, can_draw):
 def test_finished_run_has_nothing_to_do(finished, can_draw):
     code, output = finished.snakemake("-n", *targets(can_draw))
     assert code == 0 and "Nothing to be done" in output, output
+
+
+def test_finished_run_is_as_its_crate_says(finished, opengl):
+    done = forked.run("pipeline.verify", "outputs/tiny/draft", folder=finished.folder)
+    assert done.returncode == 0 and "nothing differs from the crate" in done.stdout, done.stdout + done.stderr
+
+
+def test_the_crate_is_written_last_and_again_whenever_a_file_is(finished, opengl):
+    code, output = finished.snakemake("-n", "-R", "metrics", "--", *targets(True))
+    plan = planned(output)
+    assert plan["metrics"] == plan["page"] == plan["crate"] == 1 and plan["simulate"] == 0, output
+    requested = finished.outputs("tiny") / "bodies.csv"
+    try:
+        requested.touch()
+        code, output = finished.snakemake("-n", *targets(True))
+    finally:
+        requested.unlink()
+    assert code == 0 and planned(output)["crate"] == 1 and planned(output)["page"] == 0, output
 
 
 def test_library_takes_what_has_been_made(finished, can_draw):
