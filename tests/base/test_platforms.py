@@ -1,12 +1,20 @@
 """What ./run does on computers of other kinds, which stand-ins for `uname` and Python make of this one."""
 import hashlib
+import math
 import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from conftest import ROOT
+
+from pipeline.base.computer import computer
+from pipeline.base.files import remove_left_over
+from pipeline.base.usage import usage
+from sim.cores import available_cores
 
 TOOLS = ("bash", "cat", "dirname", "env", "grep", "id", "mkdir", "rm", "touch")
 LINUX = ("flock", "sha256sum")  # that macOS does not have
@@ -56,7 +64,7 @@ REFUSED = {
     ("Linux", "aarch64"): "error: this is Linux on ARM (aarch64), for which Taichi has no wheel; take Linux on x86-64",
     ("Linux", "armv7l"): "error: this is Linux on ARM (armv7l)",
     ("Linux", "riscv64"): "error: this is Linux on riscv64, for which Taichi has no wheel",
-    ("Darwin", "x86_64"): "error: this is macOS on x86_64, for which Taichi has no wheel; take a Mac with Apple silicon",
+    ("Darwin", "x86_64"): "error: this is macOS on x86_64, for which Taichi has no wheel; take a Mac with Apple",
     ("MINGW64_NT-10.0", "x86_64"): "error: this is Windows; run it in WSL",
 }
 
@@ -122,3 +130,27 @@ def test_debian_installs_a_python_where_there_is_none(tmp_path):
     code, said = computer.run()
     assert code == 1 and "apt-get install -y -q --no-install-recommends python3 python3-venv" in computer.calls()
     assert "please run: sudo apt-get install -y python3 python3-venv" in said
+
+
+def test_what_linux_alone_tells_is_not_needed(monkeypatch):
+    """As on a Mac, where processes are bound to no cores and /proc is not there."""
+    monkeypatch.setattr("sys.platform", "darwin")
+    monkeypatch.delattr("os.sched_getaffinity", raising=False)
+    monkeypatch.setattr("pipeline.base.computer.subprocess.run", lambda *_, **__: SimpleNamespace(stdout="Apple M2\n"))
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: pytest.fail("a file of Linux was read"))
+    monkeypatch.setattr("sim.cores.granted_cores", lambda: math.inf)
+    monkeypatch.setattr("pipeline.base.computer.memory_of_computer", lambda: 2.0**34)
+    taken = usage()
+    assert taken["cpu"] > 0.0 and 0.0 < taken["wall"] < 1e5
+    assert available_cores() == os.cpu_count()
+    assert computer().startswith("Apple M2, ") and "16 GiB" in computer()
+
+
+def test_only_what_ended_processes_left_half_written_is_removed(tmp_path):
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    names = {process: tmp_path / f".frame.{process}.vtu" for process in (ended.pid, os.getpid(), 1)}
+    for path in names.values():
+        path.touch()
+    remove_left_over(tmp_path)
+    assert {process for process, path in names.items() if path.exists()} == {os.getpid(), 1}

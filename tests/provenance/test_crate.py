@@ -21,7 +21,7 @@ from pipeline.workflow.notes import NOTES
 
 sys.path.insert(0, str(ROOT / "tests" / "judges"))
 
-import ro_crate  # noqa: E402  the folder above is found first
+import ro_crate
 
 RUN = Path("outputs/tiny/draft")
 BEGUN = 1.7e9  # s since 1970
@@ -132,7 +132,8 @@ SPOILED = {
                               "frames/segment_001: frame_00003 is missing among frame_00000 to frame_00004"),
     "missing at the end": (lambda run: (run / "images/segment_001/frame_00004.vtu").unlink(),
                            "images/segment_001: frame_00004 is missing after frame_00003"),
-    "a segment": (lambda run: shutil.rmtree(run / "images/segment_001"), "images/segment_001: is missing, with 2 files"),
+    "a segment": (lambda run: shutil.rmtree(run / "images/segment_001"),
+                  "images/segment_001: is missing, with 2 files"),
     "a kind": (lambda run: shutil.rmtree(run / "frames"), "frames: is missing, with 5 files"),
     "added": (lambda run: (run / "mine.txt").touch(), "mine.txt: is not in the crate"),
     "of a longer run": (lambda run: shutil.copytree(run / "frames/segment_001", run / "frames/segment_002"),
