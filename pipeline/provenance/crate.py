@@ -14,6 +14,7 @@ import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from pipeline.base.computer import computer
 from pipeline.base.errors import UserError
@@ -206,7 +207,8 @@ class _Crate:
         values = {"accuracy": scene.accuracy, "dimension": scene.dimension, "scheme": scene.numerics.scheme,
                   "particle_spacing": scene.numerics.particle_spacing, "duration": scene.output.duration,
                   "frame_interval": scene.output.frame_interval, "liquids": ", ".join(
-                      liquid.name for liquid in scene.liquids), "effects": ", ".join(scene.effects)}
+                      liquid.name for liquid in scene.liquids), "effects": ", ".join(scene.effects),
+                  "device": ", ".join(dict.fromkeys(one["device"] for one in self._costs() if "device" in one))}
         units = {"particle_spacing": "MTR", "duration": "SEC", "frame_interval": "SEC"}
         level = {"exampleOfWork": {"@id": "#parameter-accuracy"}}
         given = [add(f"#value-{name}", "PropertyValue", name=name, value=value, unitCode=units.get(name),
@@ -222,6 +224,10 @@ class _Crate:
             description=f"snakemake -j2 outputs/{scene.name}/{scene.accuracy}/index.html",
             instrument={"@id": file_id(WORKFLOW / SNAKEFILE)}, object=[{"@id": "scene.json"}, *given],
             result=each_once(results), startTime=moment(begun), endTime=moment(ended), actionStatus=DONE)
+
+    def _costs(self) -> list[dict[str, Any]]:
+        """What the solver says of the segments; nothing where its files are not there."""
+        return self.run.costs if all(path.is_file() for path in self.run.cost_files) else []
 
     def _describe_workflow(self) -> None:
         add = self.entities.add
