@@ -285,6 +285,7 @@ def test_without_notes_of_snakemake_there_is_no_crate(run):
     assert not (run / CRATE).exists()
 
 
+@pytest.mark.thorough
 def test_the_validator_finds_nothing(told):
     python = ro_crate.found_python()
     if python is None:
