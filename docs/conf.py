@@ -4,10 +4,9 @@ It is read without a network: search, letters, equations and pictures are local.
 what only the site knows is here: the order of the pages is in _toc.yml, links that leave this folder are led where the
 site has an answer, and docstrings in the style of this project become fields.
 """
-import contextlib
-import io
 import os
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -21,6 +20,7 @@ logger = logging.getLogger(__name__)
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 sys.path.insert(0, str(ROOT))
 
 _about = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -47,6 +47,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = project
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
+html_search_scorer = str(DOCS / "search_scorer.js")
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "paths"
@@ -142,10 +143,8 @@ def lead_links(app, name: str, source: list[str]) -> None:
 
 def printed(module: str, *arguments: str) -> str:
     """Return what a stage prints."""
-    main = __import__(module, fromlist=["main"]).main
-    with contextlib.redirect_stdout(io.StringIO()) as output:
-        main(list(arguments))
-    return output.getvalue()
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
 
 
 def fill_in(app, name: str, source: list[str]) -> None:

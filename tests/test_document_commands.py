@@ -11,7 +11,7 @@ from pipeline.study_kit.plan import study_names
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [path for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md"))
-             if path.name != "CHANGELOG.md"]
+             if path.name != "CHANGELOG.md" and "_build" not in path.parts]
 TEXT = {path.relative_to(ROOT): path.read_text(encoding="utf-8") for path in DOCUMENTS}
 CODE = re.compile(r"^```\w*\n(.*?)^```$|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
 MODULE = re.compile(r"python -m (pipeline(?:\.\w+)+)(.*)")
