@@ -1,6 +1,7 @@
 """Oil at rest in an eye, as a function: its shape, what it touches, a map of the fundus. No particle is simulated."""
 import dataclasses
 import functools
+import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -73,9 +74,11 @@ class OilAtRest:
         return pyvista.PolyData.from_regular_faces(points, self.rest.cavity.faces)
 
     def _repr_html_(self) -> str:
+        png = io.BytesIO()
+        self.map.save(png, "png")
         title = f"{self.oil}, {percent(self.fill, 1)} of the cavity, {self.posture.replace('_', ' ')}"
         rows = [(name.replace("_", " "), percent(share)) for name, share in self.shares.items()]
-        return str(Markup("\n").join([Markup("<h3>{}</h3>").format(title), page.picture(self.map._repr_png_(), title),
+        return str(Markup("\n").join([Markup("<h3>{}</h3>").format(title), page.picture(png.getvalue(), title),
                                       page.table(("part", "under oil"), rows), page.paragraph(NO_ADVICE)]))
 
     def __repr__(self) -> str:

@@ -44,7 +44,7 @@ def relative(path: Path) -> Path:
     return Path(os.path.relpath(path))
 
 
-def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None = None, name: str | None = None,
+def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike[str] | None = None, name: str | None = None,
         want: Sequence[str] = (PAGE,), cores: int = 2, device: str | None = None, progress: bool = True,
         **changes: Any) -> "Run":
     """Run a scene and return its results, as ``snakemake outputs/<scene>/<level>/index.html`` does.
@@ -89,7 +89,7 @@ def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None
     return made
 
 
-def open_run(folder: str | os.PathLike) -> "Run":
+def open_run(folder: str | os.PathLike[str]) -> "Run":
     """Open the results of a run in ``outputs/<scene>/<level>``, without running anything.
 
     Parameters

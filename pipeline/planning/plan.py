@@ -2,7 +2,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from markupsafe import Markup
 
@@ -21,6 +21,7 @@ from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
+Record = TypeVar("Record")
 MAPS = 4    # answers that the page draws
 
 
@@ -146,10 +147,10 @@ def read_eye(values: Mapping[str, Any]) -> Eye:
     return read_record(Eye, dict(values))
 
 
-def read_record(kind: type, values: Mapping[str, Any], base: object = None):
+def read_record(kind: type[Record], values: Mapping[str, Any], base: Record | None = None) -> Record:
     """Read values as those of a scene are read; errors name them, and no file."""
     errors = Errors("")
-    record = Reader(errors).record(kind, dict(values), (), base)
+    record: Record = Reader(errors).record(kind, dict(values), (), base)
     if errors.messages:
         raise UserError(*(sentence.removeprefix(": ") for sentence in errors.messages))
     return record
