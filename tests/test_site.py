@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from headless_browser import Browser, find_browser
+from helpers.headless_browser import Browser, find_browser
 
 SOUGHT = {  # words of users -> a page among the first five
     "contact angle": "guide/effects", "tamponade": "results/eye", "cluster": "guide/clusters", "STL": "guide/files",
@@ -40,6 +40,7 @@ def browser(tmp_path):
     opened.close()
 
 
+@pytest.mark.thorough
 def test_every_link_leads_to_a_file_and_a_place_in_it(site):
     text = {page: page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
     places = {page: set(re.findall(r'\sid="([^"]+)"', words)) for page, words in text.items()}
@@ -55,12 +56,14 @@ def test_every_link_leads_to_a_file_and_a_place_in_it(site):
     assert len(text) > 60 and wrong == []
 
 
+@pytest.mark.thorough
 def test_nothing_is_loaded_from_elsewhere(site):
     loaded = r'<(?:script|img|iframe|source)[^>]*\ssrc="\w+://|<link[^>]*rel="(?:stylesheet|preload)"[^>]*href="\w+://'
     assert [page.name for page in site.rglob("*.html") if re.search(loaded, page.read_text(encoding="utf-8"))] == []
     assert [page.name for page in site.rglob("*.css") if re.search(r"url\(['\"]?(?:\w+:)?//", page.read_text())] == []
 
 
+@pytest.mark.thorough
 def test_pages_fit_a_phone_and_ask_no_network(site, browser):
     for page in ("index", "guide/clinic", "methods/interface_tension", "results/eye", "api/library", "architecture"):
         browser.open(site / f"{page}.html", 390, phone=True)
@@ -68,6 +71,7 @@ def test_pages_fit_a_phone_and_ask_no_network(site, browser):
     assert browser.requests() == []
 
 
+@pytest.mark.thorough
 def test_words_of_users_find_their_page(site, browser):
     wrong = {}
     for words, page in SOUGHT.items():

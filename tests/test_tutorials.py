@@ -64,11 +64,12 @@ def test_files_of_a_tutorial_are_where_its_words_say(name):
     assert "sh" in kinds and kinds[0] != "text"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", TUTORIALS)
 def test_a_tutorial_works(project, name):
     steps = blocks(name)
     written = [file_named(before) for before, _, _ in steps]
-    for package in {path.parts[0] for path in written if path} & {"pipeline", "sim"}:
+    for package in {path.parts[0] for path in written if path} & {"pipeline", "sim", "studies"}:
         project.own_code(package)
     if any(path and path.parts[0] == "tests" for path in written):
         shutil.copytree(ROOT / "tests", project.folder / "tests", ignore=shutil.ignore_patterns("__pycache__"))

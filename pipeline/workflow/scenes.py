@@ -22,7 +22,7 @@ from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, paying_threads, solver_threads
 from pipeline.scenes.yaml_files import scene_files
-from pipeline.study_kit.plan import study_names
+from pipeline.studies.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
