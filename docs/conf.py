@@ -132,7 +132,8 @@ def lead_links(app, name: str, source: list[str]) -> None:
         if path.parent == ROOT and path.name in PAGES:
             return f"[{words}]({os.path.relpath(DOCS / PAGES[path.name], folder)}{anchor})"
         if path.is_dir():
-            return f"{words} (`{path.relative_to(ROOT)}`)"
+            named = f"`{path.relative_to(ROOT)}`"
+            return named if words == named.strip("`") else f"{words} ({named})"
         return match[0]
 
     if not name.endswith("notebook"):
