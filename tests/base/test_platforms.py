@@ -134,7 +134,6 @@ def test_debian_installs_a_python_where_there_is_none(tmp_path):
 
 def test_what_linux_alone_tells_is_not_needed(monkeypatch):
     """As on a Mac, where processes are bound to no cores and /proc is not there."""
-    usage()  # what this system needs is imported
     monkeypatch.setattr("sys.platform", "darwin")
     monkeypatch.delattr("os.sched_getaffinity", raising=False)
     monkeypatch.setattr("pipeline.base.computer.subprocess.run", lambda *_, **__: SimpleNamespace(stdout="Apple M2\n"))
