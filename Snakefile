@@ -95,6 +95,7 @@ localrules:
     rest,
     effect_costs,
     cost,
+    crate,
     software,
     explorer,
 

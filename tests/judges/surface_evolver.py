@@ -6,8 +6,9 @@
 It needs the program `evolver` (Debian: evolver-nox), which is no dependency of the pipeline; without it the script says
 so and judges nothing. Evolver gets the exact wall as a formula, the tensions of interface and wetted wall, the weight
 and the volume, and a level start. It moves the contact line along the wall and mends its own triangles: no code and no
-approximation is shared with `pipeline.equilibrium` but the shape of the eye. Lengths are in mm there, tensions in those
-of the interface.
+approximation is shared with `pipeline.equilibrium` but the shape of the eye. What is free may not pass the wall: oil
+that comes to the lens after the start rests on it as if a film of aqueous were between. Lengths are in mm there,
+tensions in those of the interface.
 """
 import argparse
 import dataclasses
@@ -185,18 +186,21 @@ def datafile(case: Case, turn: np.ndarray) -> str:
     number = {tuple(edge): index + 1 for index, edge in enumerate(edges.tolist())}
     wetted = {tuple(sorted(pair)) for face in faces[wall_faces].tolist() for pair in zip(face, face[1:] + face[:1],
                                                                                       strict=True)}
-    lines = ["gravity_constant 1", "constraint 1", f"formula: {formula(case, turn)} = 0", "", "vertices"]
+    level = formula(case, turn)  # for what is on the wall, and for what may not pass it, such as oil before the lens
+    bound = {True: " constraint 1", False: " constraint 2"}
+    lines = ["gravity_constant 1", "constraint 1", f"formula: {level} = 0", "constraint 2 nonpositive",
+             f"formula: {level} = 0", "", "vertices"]
     for index, (point, wall) in enumerate(zip(1e3 * points @ turn.T, on_wall, strict=True)):
-        lines.append(f"{index + 1} {' '.join(f'{value:.9g}' for value in point)}{' constraint 1' if wall else ''}")
+        lines.append(f"{index + 1} {' '.join(f'{value:.9g}' for value in point)}{bound[bool(wall)]}")
     lines.append("edges")
-    lines += [f"{index + 1} {a + 1} {b + 1}{' constraint 1' if (a, b) in wetted else ''}"
+    lines += [f"{index + 1} {a + 1} {b + 1}{bound[(a, b) in wetted]}"
               for index, (a, b) in enumerate(edges.tolist())]
     lines.append("faces")
     for index, (face, wall) in enumerate(zip(faces.tolist(), wall_faces, strict=True)):
         ends = zip(face, face[1:] + face[:1], strict=True)
         around = " ".join(str(number[a, b] if a < b else -number[b, a]) for a, b in ends)
-        what = f"constraint 1 tension {np.cos(liquids.contact_angle):.9g} color {WALL}" if wall else f"color {FREE}"
-        lines.append(f"{index + 1} {around} {what}")
+        what = f"tension {np.cos(liquids.contact_angle):.9g} color {WALL}" if wall else f"color {FREE}"
+        lines.append(f"{index + 1} {around}{bound[bool(wall)]} {what}")
     lines += ["bodies", f"1 {' '.join(str(index + 1) for index in range(len(faces)))} volume {1e9 * volume:.9g} "
                         f"density {-bond:.9g}", "", "read", ""]
     return "\n".join(lines)
