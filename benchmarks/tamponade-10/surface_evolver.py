@@ -36,7 +36,12 @@ FOUND = "found.json"  # beside the inputs of a shape
 
 
 def sphere(angle: float):
-    """Return the sphere at a contact angle, deg."""
+    """Return the sphere at a contact angle, deg; beyond 90 that of the water, upside down, in place of the oil.
+
+    Wetted wall beyond 90 degrees has a negative tension, which crumples its triangles.
+    """
+    if angle > 90.0:
+        return judge.Case(None, 0.20, POSTURES["upright"], 180.0 - angle)
     return judge.Case(None, 0.80, POSTURES["upright"], angle)
 
 
@@ -60,9 +65,11 @@ def of_sphere(angle: float, folder: Path) -> dict[str, float]:
     """Return what Surface Evolver finds in the sphere: arc, deg, covered share, and height on the axis, mm."""
     case, before = sphere(angle), spent()
     wall, free = judge.triangles(case, folder)
-    share = judge.covered(case, wall)["wall"] / 100.0
-    return {"arc": 2.0 * float(np.degrees(np.arccos(1.0 - 2.0 * share))), "share": share,
-            "height": 1e3 * height_on_axis(free), "seconds": spent() - before}
+    share, height = judge.covered(case, wall)["wall"] / 100.0, 1e3 * height_on_axis(free)
+    if angle > 90.0:
+        share, height = 1.0 - share, -height
+    return {"arc": 2.0 * float(np.degrees(np.arccos(1.0 - 2.0 * share))), "share": share, "height": height,
+            "seconds": spent() - before}
 
 
 def of_eye(posture: str, folder: Path) -> dict[str, float]:

@@ -151,7 +151,7 @@ def triangles(case: Case, folder: Path | None = None) -> tuple[np.ndarray, np.nd
         turn = turned(case.down)
         (place / "oil.fe").write_text(datafile(case, turn))
         (place / "oil.cmd").write_text(
-            commands(turn) + "".join(PRINT.format(file=f"{name}.txt", color=color) for name, color in KINDS.items())
+            commands(case, turn) + "".join(PRINT.format(file=f"{name}.txt", color=color) for name, color in KINDS.items())
             + "q\nq\n")
         for name in KINDS:
             (place / f"{name}.txt").unlink(missing_ok=True)
@@ -164,10 +164,11 @@ def triangles(case: Case, folder: Path | None = None) -> tuple[np.ndarray, np.nd
     return wall, free
 
 
-def commands(turn: np.ndarray) -> str:
-    """Return what Evolver does."""
+def commands(case: Case, turn: np.ndarray) -> str:
+    """Return what Evolver does; a sphere has no front edges."""
+    edges = EDGES if case.shape else (99.0, 99.0)  # mm
     front = " + ".join(f"({turn[row, 2]:.9g})*ee.vertex[1].{name}" for row, name in enumerate("xyz") if turn[row, 2])
-    return COMMANDS.format(edges=EDGES, front=front, height=FRONT)
+    return COMMANDS.format(edges=edges, front=front, height=FRONT)
 
 
 def turned(down) -> np.ndarray:
