@@ -150,9 +150,8 @@ def triangles(case: Case, folder: Path | None = None) -> tuple[np.ndarray, np.nd
         place.mkdir(parents=True, exist_ok=True)
         turn = turned(case.down)
         (place / "oil.fe").write_text(datafile(case, turn))
-        (place / "oil.cmd").write_text(
-            commands(case, turn) + "".join(PRINT.format(file=f"{name}.txt", color=color) for name, color in KINDS.items())
-            + "q\nq\n")
+        prints = "".join(PRINT.format(file=f"{name}.txt", color=color) for name, color in KINDS.items())
+        (place / "oil.cmd").write_text(f"{commands(case, turn)}{prints}q\nq\n")
         for name in KINDS:
             (place / f"{name}.txt").unlink(missing_ok=True)
         command = [PROGRAM, "-x", "-f", "oil.cmd", "oil.fe"]
