@@ -95,7 +95,8 @@ def code_version() -> str:
     except PackageNotFoundError:
         told = "0"
     commit = _git("rev-parse", "--short=12", "HEAD")
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", "pipeline", "sim", "rules", SNAKEFILE)
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", "pipeline", "sim", "studies",
+                   "rules", SNAKEFILE)
     return told + (f"+g{commit}" if commit else "") + (".changed" if commit and changed else "")
 
 
