@@ -60,7 +60,7 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
-html_sidebars = {"index": []}
+html_sidebars = {"index": [], "gallery": [], "cite": []}
 
 
 # Equations, as paths of a mathematical font: no script, no letters to load, the same in every browser.
