@@ -13,7 +13,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
-from pipeline.base.provenance import code, machine
+from pipeline.base.origin import code, machine
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.studies.model import Outcome

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
-from pipeline.base.provenance import commit_before, machine, release
+from pipeline.base.origin import commit_before, machine, release
 from pipeline.base.tables import read_table
 from pipeline.results.tables import Layout, Page, Row
 from pipeline.runs.run_folder import RunFolder

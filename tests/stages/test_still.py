@@ -3,6 +3,7 @@ import json
 import sys
 import types
 
+import drjit
 import numpy as np
 import pytest
 from PIL import Image
@@ -170,6 +171,15 @@ def test_up_in_the_picture_is_against_gravity(gravity, right_eye):
     assert view.pixel(view.middle, (1280, 720)) == pytest.approx([640, 360])
 
 
+def test_a_long_eye_is_as_large_in_the_picture_as_a_usual_one():
+    def height(extent: float) -> float:
+        view = view_of(np.array([0.0, -9.81, 0.0]), True, np.zeros(3), extent)
+        lower, upper = view.pixel(np.array([[0.0, -0.5 * extent, 0.0], [0.0, 0.5 * extent, 0.0]]), (1280, 720))
+        return lower[1] - upper[1]
+    assert height(24.0) < height(25.5) < 0.95 * 720
+    assert height(33.0) == pytest.approx(height(25.5), rel=0.06)
+
+
 def test_names_stand_apart_in_their_order():
     heights = spread([0.5, 0.501, 0.502, 0.9], [0.06, 0.1, 0.06, 0.06])
     assert (np.diff(heights) >= [0.06 - 1e-9, 0.1 - 1e-9, 0.06 - 1e-9]).all() and max(heights) <= 0.78
@@ -190,20 +200,25 @@ def drawn(eye):
     for renderer in ("mitsuba", "pyvista"):
         illustrator = Illustrator(scene, surface, frame().gravity,
                                   Style(renderer, size=SMALL, samples=2, letters="none"))
-        found[renderer] = [np.asarray(illustrator.picture(frame(), {"silicone_oil_1000": half_full()}))
-                           for _ in range(2)]
+        found[renderer] = []
+        for threads in (1, 2):
+            drjit.set_thread_count(threads)
+            found[renderer].append(np.asarray(illustrator.picture(frame(), {"silicone_oil_1000": half_full()})))
     return found
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("renderer", ["mitsuba", "pyvista"])
-def test_the_same_picture_comes_again_with_blue_water_below_lighter_oil(drawn, renderer):
+def test_any_threads_draw_the_same_picture_with_blue_water_below_lighter_oil_in_white_sclera(drawn, renderer):
     first, second = drawn[renderer]
     assert first.shape == (SMALL[1], SMALL[0], 3) and np.array_equal(first, second)
     view = view_of(frame().gravity, True, np.array([0.0, 0.0, 0.69]))
     oil, water = (first[tuple(reversed(view.pixel(np.array([0.0, y, -2.0]), SMALL).astype(int)))].astype(int)
                   for y in (5.0, -5.0))
     assert water[2] > water[0] + 25 and oil[0] > oil[2] + 10
+    behind = view.pixel(np.array([0.0, 0.0, -11.95]), SMALL)[0]
+    row = first[SMALL[1] // 2, :int(behind)].astype(int)
+    assert (row[-12:].min(axis=1) > 150).any() and (row.max(axis=1) > 90).all()
 
 
 def test_without_mitsuba_pyvista_draws_and_asking_for_it_is_refused(monkeypatch, capsys):

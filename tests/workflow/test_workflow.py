@@ -8,8 +8,10 @@ import runpy
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,10 +25,12 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
+from pipeline.runs.contents import CRATE
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks
 from pipeline.workflow import digest
+from pipeline.workflow.notes import jobs_of
 from pipeline.workflow.scenes import Workflow
 
 SCENES = sorted(scene_paths(ROOT / "config" / "scenes"))
@@ -214,7 +218,7 @@ def finished(tmp_path_factory, can_draw):
 def targets(can_draw):
     """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
     names = ["metrics.csv", "advice.html", "effects.html", "run.pvd"]
-    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html"] * can_draw]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html", CRATE] * can_draw]
 
 
 @pytest.mark.thorough
@@ -243,6 +247,87 @@ def test_tiny_scene_makes_everything(finished, can_draw):
 def test_finished_run_has_nothing_to_do(finished, can_draw):
     code, output = finished.snakemake("-n", *targets(can_draw))
     assert code == 0 and "Nothing to be done" in output, output
+
+
+@pytest.mark.thorough
+def test_finished_run_is_as_its_crate_says(finished, opengl):
+    done = forked.run("pipeline.verify", "outputs/tiny/draft", folder=finished.folder)
+    assert done.returncode == 0 and "nothing differs from the crate" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.thorough
+def test_the_crate_is_written_last_and_again_whenever_a_file_is(finished, opengl):
+    code, output = finished.snakemake("-n", "-R", "metrics", "--", *targets(True))
+    plan = planned(output)
+    assert plan["metrics"] == plan["page"] == plan["crate"] == 1 and plan["simulate"] == 0, output
+    requested = finished.outputs("tiny") / "bodies.csv"
+    try:
+        requested.touch()
+        code, output = finished.snakemake("-n", *targets(True))
+    finally:
+        requested.unlink()
+    assert code == 0 and planned(output)["crate"] == 1 and planned(output)["page"] == 0, output
+
+
+# Keys that stages read although neither their own digest counts them nor one of a stage before them.
+READ_OTHERWISE = {
+    "output.duration": "tells how many frames there are, which the input of a job tells Snakemake too",
+    "output.until_rest": "the same",
+    "accuracy": "the level is in the name of the folder",
+}
+HANDED_ON = {("voxelize", "schemes"), ("voxelize", "start_from")}  # to the solver's settings, of which it takes others
+
+
+def stale(read, before, unread):
+    """Return (stage, key) of what a stage reads of a scene while a change of it would run nothing again.
+
+    read : stage -> keys. before : stage -> stages whose files it reads, directly or not. unread : as UNREAD.
+    """
+    def left_out(stage, key):
+        return any(key == one or key.startswith(f"{one}.") for one in unread.get(stage, ()))
+
+    found = {(stage, key) for stage, keys in read.items() for key in keys if key not in READ_OTHERWISE
+             and all(left_out(one, key) for one in {stage, *before[stage]} if one != "scene")}
+    return found - HANDED_ON
+
+
+@pytest.fixture(scope="module")
+def read_of_a_scene(finished, opengl, tmp_path_factory):
+    """Return what stages read of the scene, and which stages are before each, by running them on a copy of the run."""
+    folder = tmp_path_factory.mktemp("recorded")
+    for name in ("outputs", "config", ".snakemake"):
+        shutil.copytree(finished.folder / name, folder / name)
+    with contextlib.chdir(folder):
+        jobs = jobs_of(Path("outputs/tiny/draft"))
+    first = {job.rule: job.command for job in reversed(jobs)
+             if job.stage not in ("scene", "crate", "still")}  # a still takes longer than all others
+    (folder / "commands.json").write_text(json.dumps([*reversed(first.values())]))
+    done = subprocess.run([sys.executable, ROOT / "tests/workflow/recorded_scene.py", "commands.json", "read.json"],
+                          cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    made_by = {name: job for job in jobs for name in job.outputs}
+    before: dict[str, set[str]] = {}
+    for job in jobs:  # in the order of time
+        earlier = [made_by[name].stage for name in job.inputs if name in made_by]
+        before.setdefault(job.stage, set()).update(*({one, *before.get(one, ())} for one in earlier))
+    return json.loads((folder / "read.json").read_text()), before
+
+
+@pytest.mark.thorough
+def test_no_stage_reads_a_key_of_a_scene_that_would_run_nothing_again(read_of_a_scene):
+    read, before = read_of_a_scene
+    assert {"simulate", "reconstruct", "render", "metrics", "page"} <= read.keys()
+    assert "numerics.particle_spacing" in read["simulate"] and "output.image_size" in read["render"]
+    assert stale(read, before, digest.UNREAD) == set()
+
+
+@pytest.mark.parametrize("stage, key", [
+    ("reconstruct", "output.kernel"), ("metrics", "eye.side"), ("metrics", "title"), ("render", "label"),
+    ("metrics", "output.second_means"), ("index_run", "liquids.color"), ("simulate", "output.frame_interval")])
+@pytest.mark.thorough
+def test_a_key_that_is_left_out_of_a_digest_by_mistake_is_found(read_of_a_scene, stage, key):
+    unread = digest.UNREAD | {stage: (*digest.UNREAD[stage], key)}
+    assert any(found[0] == stage and found[1].startswith(key) for found in stale(*read_of_a_scene, unread))
 
 
 @pytest.mark.thorough
