@@ -13,8 +13,8 @@ from pipeline.studies.eye_rest import SCENE, height_of_aqueous
 from pipeline.study_kit.family import Family
 from pipeline.study_kit.model import Curve, Figure, Outcome, Row
 from pipeline.study_kit.tank import TankParameters, advance, field, scene_solver
+from sim.backend.runtime import restart
 from sim.parameters import parameter
-from sim.runtime import restart
 
 COST, ERROR = "step_size_cost", "step_size_error"
 FIGURES = (Figure("step_size", "Oil coming to rest in the eye", "time / s", "rise of the aqueous / mm"),

@@ -4,7 +4,6 @@ import dataclasses
 import cavities
 import numpy as np
 import pytest
-import taichi as ti
 from conftest import ROOT
 
 from pipeline import simulate
@@ -15,8 +14,8 @@ from pipeline.simulation.runner import Runner
 from pipeline.studies import hard_eye
 from pipeline.study_kit import hard_cases as hard
 from sim import effects
+from sim.backend import data_oriented, ti
 from sim.effects.effect import Effect
-from sim.launching import data_oriented
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

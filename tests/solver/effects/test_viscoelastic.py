@@ -2,9 +2,9 @@
 import cavities
 import numpy as np
 import pytest
-import taichi as ti
 from scipy.optimize import curve_fit
 
+from sim.backend import ti
 from sim.effects.viscoelastic import ElasticLiquid, Viscoelastic, ViscoelasticParameters
 from sim.settings import Liquid, Numerics, Settings
 
