@@ -25,11 +25,14 @@ def allocated() -> int:
 
 
 def compiled_kernels() -> Iterator[tuple[object, object, tuple]]:
-    """All kernels that this process has compiled: the function, the handle, and what the template arguments were."""
+    """All kernels that this process has compiled: the function, the handle, and what the template arguments were.
+
+    A fork may have forgotten these where the object is gone that a kernel was compiled for; there are none then.
+    """
     for kernel in runtime().kernels:
         features = {instance: key for key, instance in kernel.mapper.mapping.items()}
         for (function, instance, _), handle in compiled(kernel).items():
-            yield function, handle, features[instance]
+            yield function, handle, features.get(instance, ())
 
 
 @contextlib.contextmanager

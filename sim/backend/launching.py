@@ -16,10 +16,11 @@ from sim.backend.language import ti
 from sim.backend.private import (
     Kernel,
     arguments_of,
-    code_of,
     cook_dtype,
     handle_in,
+    handle_of,
     is_signed,
+    launch_of,
     on_cpu,
     place_of_number,
     primitive_types,
@@ -37,7 +38,7 @@ class _Compiled:
 
     runtime: Any  # the start of the library that it belongs to
     handle: Any
-    code: Any
+    start: Callable[[Any], Any]  # of a context
     context: Any  # None where each launch needs one of its own
     templates: tuple
 
@@ -97,16 +98,17 @@ def _launcher(kernel, owner) -> Callable[..., Any]:
             getattr(context, setter)(index, number_of(arguments[place]))
         if _counter is not None:
             _counter[found.handle] += 1
-        found.runtime.prog.launch_kernel(found.code, context)
+        found.start(context)
 
     return launch
 
 
 def _compiled(kernel, owner, arguments: tuple, templates: tuple) -> _Compiled:
     """What a kernel became that was just launched."""
-    handle, code = code_of(kernel, kernel.ensure_compiled(owner, *arguments))
-    # On a GPU a launch leaves its own addresses in the context.
-    return _Compiled(runtime(), handle, code, handle.make_launch_context() if on_cpu() else None, templates)
+    key = kernel.ensure_compiled(owner, *arguments)
+    handle = handle_of(kernel, key)
+    context = handle.make_launch_context() if on_cpu() else None  # on a GPU a launch leaves its own addresses in it
+    return _Compiled(runtime(), handle, launch_of(kernel, key), context, templates)
 
 
 class _KernelOfObjects:

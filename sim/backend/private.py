@@ -2,7 +2,9 @@
 
 Taichi and its forks agree in all but what is told apart here.
 """
+import functools
 import importlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from sim.backend import language  # noqa: F401  its settings come before the lib
 from sim.backend.choice import library
 
 _IS_QUADRANTS = library().name == "quadrants"
+_IS_FORGE = library().name == "taichi-forge"
 
 
 def _module(name: str) -> Any:
@@ -56,13 +59,19 @@ def compiled(kernel) -> dict:
     return kernel.materialized_kernels if _IS_QUADRANTS else kernel.compiled_kernels
 
 
-def code_of(kernel, key) -> tuple[Any, Any]:
-    """Return the handle and the code of a kernel that was launched."""
-    handle = compiled(kernel)[key]
-    if _IS_QUADRANTS:
-        return handle, kernel.compiled_kernel_data_by_key[key]
-    program = runtime().prog
-    return handle, program.compile_kernel(program.config(), program.get_device_caps(), handle)
+def handle_of(kernel, key) -> Any:
+    """Return the handle of a kernel that was launched, by its key in :func:`compiled`."""
+    return compiled(kernel)[key]
+
+
+def launch_of(kernel, key) -> Callable[[Any], Any]:
+    """Return the function that launches, with a context, a kernel that was launched before."""
+    program, handle = runtime().prog, handle_of(kernel, key)
+    if _IS_FORGE:
+        return functools.partial(program.compile_and_launch_kernel, program.config(), program.get_device_caps(), handle)
+    code = (kernel.compiled_kernel_data_by_key[key] if _IS_QUADRANTS else
+            program.compile_kernel(program.config(), program.get_device_caps(), handle))
+    return functools.partial(program.launch_kernel, code)
 
 
 def handle_in(arguments: tuple) -> Any:
