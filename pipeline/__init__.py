@@ -24,9 +24,10 @@ if sys.argv[:1] == ["-m"]:
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     refuse_too_little()
 
-    from pipeline.base.surroundings import shut_out_foreign_settings
+    from pipeline.base.surroundings import refuse_missing_backend, shut_out_foreign_settings
 
     shut_out_foreign_settings()
+    refuse_missing_backend()
 
 # Imported when first asked for: a stage that needs none of this starts sooner.
 _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",

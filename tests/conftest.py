@@ -9,22 +9,21 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
 
-from sim.backend.choice import NoBackend, library
+from pipeline.base.surroundings import refuse_missing_backend
+from sim.backend.choice import library
 
-try:
-    BACKEND = library()
-except NoBackend as error:
-    pytest.exit(f"error: {error}", returncode=2)
+refuse_missing_backend()
+import forked  # noqa: E402  it asks for the same
+
 ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: the library's
 # own limit of 100 MB is less than the tests need, and what is over it would be compiled again.
-COMPILED = ROOT / ".pytest_cache" / BACKEND.name
-os.environ.setdefault(BACKEND.variable("offline_cache_file_path"), str(COMPILED))
-os.environ.setdefault(BACKEND.variable("offline_cache_max_size_of_files"), str(2**30))
+COMPILED = ROOT / ".pytest_cache" / library().name
+os.environ.setdefault(library().variable("offline_cache_file_path"), str(COMPILED))
+os.environ.setdefault(library().variable("offline_cache_max_size_of_files"), str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
 LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
 

@@ -24,6 +24,7 @@ class Library:
     title : as it calls itself.
     word : at the head of the names of its errors.
     prefix : of its variables of the environment.
+    tried : version with which it was last tried (docs/dependencies.md).
     """
 
     name: str
@@ -31,10 +32,15 @@ class Library:
     title: str
     word: str
     prefix: str
+    tried: str
 
     def variable(self, option: str) -> str:
         """Return the variable of the environment that sets an option of its start."""
         return f"{self.prefix}_{option.upper()}"
+
+    def silence(self) -> None:
+        """Let its import not greet on standard output, which belongs to what the stages write."""
+        os.environ.setdefault(f"ENABLE_{self.word.upper()}_HEADER_PRINT", "0")
 
     def is_installed(self) -> bool:
         """Return whether it can be imported."""
@@ -42,9 +48,9 @@ class Library:
 
 
 LIBRARIES = {one.name: one for one in (
-    Library("taichi", "taichi", "Taichi", "Taichi", "TI"),
-    Library("quadrants", "quadrants", "Quadrants", "Quadrants", "QD"),
-    Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI"),
+    Library("taichi", "taichi", "Taichi", "Taichi", "TI", "1.7.4"),
+    Library("quadrants", "quadrants", "Quadrants", "Quadrants", "QD", "1.3.3"),
+    Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI", "0.7.0"),
 )}
 
 
@@ -67,13 +73,13 @@ def library() -> Library:
 def chosen(name: str) -> Library:
     """Return the library of a name, as :func:`library` does."""
     if name not in LIBRARIES:
-        near = difflib.get_close_matches(name.lower().replace("_", "-"), LIBRARIES, n=1)
+        near = "".join(difflib.get_close_matches(name.lower().replace("_", "-"), LIBRARIES, n=1))
         raise NoBackend(f'{VARIABLE} is "{name}", but must be one of {", ".join(LIBRARIES)}'
-                        + f" (did you mean {near[0]}?)" * bool(near))
+                        + f" (did you mean {near}?)" * bool(near))
     if not LIBRARIES[name].is_installed():
         here = [one.name for one in LIBRARIES.values() if one.is_installed()]
         raise NoBackend(f"{VARIABLE} is {name}, which is not installed here; install it by `{sys.executable} -m pip "
-                        f"install {name}`, or take {' or '.join(here) or 'another one'}")
+                        f"install {name}=={LIBRARIES[name].tried}`, or take {' or '.join(here) or 'another one'}")
     return LIBRARIES[name]
 
 

@@ -3,7 +3,6 @@
 A fork can take Taichi's place where it has these words (`tests/solver/backend/test_language.py`).
 """
 import importlib
-import os
 from typing import TYPE_CHECKING
 
 from sim.backend.choice import library
@@ -11,8 +10,7 @@ from sim.backend.choice import library
 if TYPE_CHECKING:
     import taichi as ti  # for editors and mypy, whatever is chosen
 else:
-    # It would greet on standard output, which belongs to what the stages write.
-    os.environ.setdefault(f"ENABLE_{library().word.upper()}_HEADER_PRINT", "0")
+    library().silence()
     ti = importlib.import_module(library().module)
 
 WORDS = frozenset((
