@@ -7,6 +7,7 @@ Files with kernels import the language, and what goes with it, by one line::
 ====================  ==================================================================================
 `choice`              which library it is
 `language`            `ti`, and the words of it that kernels may be written in
+`errors`              what it raises where a kernel is wrong
 `private`             every name that is used without the library's promise to keep it
 `runtime`             start and end
 `devices`             on which of the devices of this computer it runs (`device_trial` tries one)

@@ -42,6 +42,15 @@ def test_lock_file_holds_what_the_project_asks_for(python):
     assert missing == []
 
 
+def test_every_package_is_told_of():
+    """What for, by whom, with what license and what instead."""
+    rows = [line.strip("| ").split(" | ") for line in (ROOT / "docs" / "dependencies.md").read_text().splitlines()
+            if re.match(r"\| (?!package)[a-z0-9-]+ \|", line)]
+    asked = [*PROJECT["dependencies"], *sum(PROJECT["optional-dependencies"].values(), [])]
+    assert sorted(row[0] for row in rows) == sorted({canonicalize_name(Requirement(one).name) for one in asked})
+    assert all(len(row) == 5 and all(row) for row in rows)
+
+
 def test_pythons_that_are_claimed_are_those_that_run_looks_for():
     names = re.search(r"for name in (.*); do", (ROOT / "run").read_text())[1]
     assert set(re.findall(r"python(3\.\d+)", names)) == set(PYTHONS) == {"3.11", "3.12", "3.13"}
