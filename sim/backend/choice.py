@@ -6,6 +6,8 @@ import importlib.metadata
 import importlib.util
 import os
 import sys
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from sim.errors import RunError
 
@@ -25,6 +27,7 @@ class Library:
     word : at the head of the names of its errors.
     prefix : of its variables of the environment.
     tried : version with which it was last tried (docs/dependencies.md).
+    options : arguments of its start that the others have not.
     """
 
     name: str
@@ -33,6 +36,7 @@ class Library:
     word: str
     prefix: str
     tried: str
+    options: Mapping[str, str] = MappingProxyType({})
 
     def variable(self, option: str) -> str:
         """Return the variable of the environment that sets an option of its start."""
@@ -50,7 +54,8 @@ class Library:
 LIBRARIES = {one.name: one for one in (
     Library("taichi", "taichi", "Taichi", "Taichi", "TI", "1.7.4"),
     Library("quadrants", "quadrants", "Quadrants", "Quadrants", "QD", "1.3.3"),
-    Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI", "0.7.0"),
+    Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI", "0.7.0",
+            MappingProxyType({"compile_tier": "full"})),  # by default it compiles as fast, and steps take 18 times as long
 )}
 
 
