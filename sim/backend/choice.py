@@ -55,7 +55,7 @@ LIBRARIES = {one.name: one for one in (
     Library("taichi", "taichi", "Taichi", "Taichi", "TI", "1.7.4"),
     Library("quadrants", "quadrants", "Quadrants", "Quadrants", "QD", "1.3.3"),
     Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI", "0.7.0",
-            MappingProxyType({"compile_tier": "full"})),  # by default it compiles as fast, and steps take 18 times as long
+            MappingProxyType({"compile_tier": "full"})),  # else steps take 18 times as long
 )}
 
 
