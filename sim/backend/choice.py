@@ -6,8 +6,6 @@ import importlib.metadata
 import importlib.util
 import os
 import sys
-from collections.abc import Mapping
-from types import MappingProxyType
 
 from sim.errors import RunError
 
@@ -36,7 +34,7 @@ class Library:
     word: str
     prefix: str
     tried: str
-    options: Mapping[str, str] = MappingProxyType({})
+    options: tuple[tuple[str, str], ...] = ()
 
     def variable(self, option: str) -> str:
         """Return the variable of the environment that sets an option of its start."""
@@ -55,7 +53,7 @@ LIBRARIES = {one.name: one for one in (
     Library("taichi", "taichi", "Taichi", "Taichi", "TI", "1.7.4"),
     Library("quadrants", "quadrants", "Quadrants", "Quadrants", "QD", "1.3.3"),
     Library("taichi-forge", "taichi_forge", "Taichi Forge", "Taichi", "TI", "0.7.0",
-            MappingProxyType({"compile_tier": "full"})),  # else steps take 18 times as long
+            (("compile_tier", "full"),)),  # else steps take 18 times as long
 )}
 
 

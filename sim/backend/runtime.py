@@ -58,7 +58,7 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(
             arch=arch, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
-            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR, **library().options,
+            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR, **dict(library().options),
             **_compiled_kernels(options),
         )
     if current_config().arch != arch:
