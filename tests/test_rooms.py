@@ -1,4 +1,4 @@
-"""The structure of CONTRIBUTING.md: what may import what."""
+"""The structure of docs/architecture.md: what may import what."""
 import ast
 import re
 from graphlib import TopologicalSorter

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import psutil  # noqa: F401  before the platform is said to be another
 import pytest
 from conftest import ROOT
 
