@@ -13,6 +13,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
+from pipeline.base.origin import code, machine
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.studies.model import Outcome
@@ -35,10 +36,10 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
     ----------
     threads : of the solver, 0 for as many as are useful.
     device : of the solver.
-    keep_to_core : see ``sim.runtime.initialize``.
+    keep_to_core : see ``sim.backend.runtime.initialize``.
     """
+    from sim.backend.runtime import initialize
     from sim.errors import RunError
-    from sim.runtime import initialize
 
     initialize(precision_of(case), threads, device, keep_to_core=keep_to_core)
     begin = time.perf_counter()
@@ -47,7 +48,7 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
     except (UserError, RunError, OverflowError) as error:
         outcome = Outcome.failed(case.name, " ".join(str(error).split()))
         print(f"error: {outcome.failure}", file=sys.stderr)
-    outcome.case = case.name
+    outcome.case, outcome.machine, outcome.code = case.name, machine(), code()
     print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
     return outcome
 
