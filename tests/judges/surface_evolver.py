@@ -91,8 +91,10 @@ class Case:
 
     @property
     def viewpoint(self) -> np.ndarray:
-        """Point that sees the whole wall."""
-        return np.zeros(3) if self.shape is None else self.shape.viewpoint
+        """Point in the oil that sees the whole wall."""
+        if self.shape is None:
+            return -(0.7 * RADIUS if self.fill < 0.5 else 0.0) * np.array(self.down)
+        return self.shape.viewpoint
 
 
 CASES = {
@@ -213,7 +215,7 @@ def level_start(case: Case):
     coarser = StarCavity.of_level(case.level, case.viewpoint, DRAFT)
     volume = case.fill * (exact.volume + (exact.volume - coarser.volume) / 3.0)     # of the wall itself: by Richardson
     direction, faces = icosphere(CUTS)
-    low, high = -40e-3, 0.0
+    low, high = -40e-3, max(0.0, float(case.viewpoint @ up))
     rise = direction @ up
     for _ in range(50):     # of the level, so that the oil has its volume
         height = 0.5 * (low + high)
