@@ -141,7 +141,7 @@ def ten_page() -> str:
 
 Made by `python benchmarks/page.py` from the entries in [benchmarks/tamponade-10](../benchmarks/tamponade-10/README.md),
 ten cases that any code for two liquids in an eye can enter. A line holds if it is within the tolerance of its
-reference. A case counts by the share of its lines that hold.
+reference. A case counts by the share of its lines that hold; a dash marks a case that is not entered.
 
 {score.summary(results, references)}
 
