@@ -74,7 +74,7 @@ def test_stiff_oil_drags_at_a_sphere_as_its_moment_of_inertia_asks():
     change = (saccade.rate(time + 1e-5) - saccade.rate(time - 1e-5)) / 2e-5
     for modes in (20, 200):
         exact = Turned(saccade, 0.05, 970.0, 11e-3, modes=modes)
-        assert abs(exact.stress(time)) == pytest.approx(970.0 * 11e-3**2 * change / 5.0, rel=1e-3)
+        assert abs(exact.stress(time)) == pytest.approx(970.0 * 11e-3**2 * change / 5.0, rel=5e-3)
 
 
 def test_time_to_make_a_way_is_read_between_readings_and_unknown_where_it_is_not_made():
