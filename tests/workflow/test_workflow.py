@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Project
 from helpers import forked
+from helpers.cases import thorough
 from helpers.snakemake_output import TRACE, planned
 
 import pipeline
@@ -571,7 +572,7 @@ def test_every_segment_starts_where_the_one_before_ends(project):
 
 @pytest.mark.parametrize(("effects", "before"), [
     ("{}", "outputs/longer/draft/frames/segment_000 outputs/longer/draft/frames/segment_001 "),
-    ("{interface_tension: null}", "")])
+    thorough("{interface_tension: null}", "")])
 def test_surfaces_follow_films_from_the_start_where_theory_knows_them(project, effects, before):
     project.write_scene("longer", f"extends: tiny\neffects: {effects}\noutput: {{duration: 0.5 s}}\n")
     code, output = project.snakemake("-n", "-p", "outputs/longer/draft/surfaces/segment_002")
