@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.energy import length_of
 from pipeline.equilibrium.rest import DRAWN_IN, Liquids, Rest, at_rest, refined_start
-from pipeline.equilibrium.star_cavity import COARSE, FINE, Level, StarCavity, cavity_of, levels_of
+from pipeline.equilibrium.star_cavity import COARSE, DRAFT, FINE, Level, StarCavity, cavity_of, levels_of
 from pipeline.scenes.model import Eye
 
-SMALL = 0.5             # fills below are seen from their own middle
+SMALL, LARGE = 0.5, 0.75    # fills below are seen from their own middle, those between from both; above, it is the same
+ALIKE = 1e-3            # of the energy: views of one shape from two points differ by less
 ROUNDS = 5              # of a shape and a view from its middle, at most: two are usual
 CENTERED = 0.05         # from the middle of the oil, over the radius of a ball of it: near enough
 REACH = 2.0             # over that radius: how far oil is looked for
@@ -28,7 +29,7 @@ def small_at_rest(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> 
     """Return the shape of least energy of those that are found from two starts, seen from its own middle.
 
     Starts: a ball at the place of the cavity to which gravity drives it, and one on the axis, for oil or gas that lies
-    behind the lens.
+    behind the lens. With 2,562 directions.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def small_at_rest(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> 
 
 
 def seen_from_its_middle(level: Level, cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
-                         others: Sequence[np.ndarray] = (), finest: int = FINE) -> Rest:
+                         others: Sequence[np.ndarray] = (), finest: int = DRAFT) -> Rest:
     """Return the shape of least energy of those that are found from a ball driven up, or around other points.
 
     Parameters
@@ -57,13 +58,23 @@ def seen_from_its_middle(level: Level, cavity: StarCavity, liquids: Liquids, dow
     radius = (3.0 * fill * cavity.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
     starts = [_place_of_ball(cavity, drive, radius), *others]
     found = [_from_its_middle(level, cavity.volume, liquids, down, fill, start) for start in starts]
-    best = min(found, key=lambda rest: (not rest.settled, _energy(rest, liquids, down)))
+    best = min(found, key=lambda rest: (not rest.settled, energy(rest, liquids)))
     for cuts in range(COARSE + 1, finest + 1):
-        finer = _seen(level, best.cavity.viewpoint, cuts, cavity.volume, best.cavity.reach)
-        best = at_rest(finer, liquids, down, fill, refined_start(best, finer, cuts))
-        if not best.settled:
-            break
+        best = _finer(level, best, liquids, down, cuts)
     return best
+
+
+def finest_at_rest(eye: Eye, rest: Rest, liquids: Liquids, down: np.ndarray) -> Rest:
+    """Return a shape of ``small_at_rest`` with 10,242 directions."""
+    return _finer(levels_of(eye)[0], rest, liquids, down, FINE)
+
+
+def _finer(level: Level, rest: Rest, liquids: Liquids, down: np.ndarray, cuts: int) -> Rest:
+    """The same shape with four times as many directions; as it is where it is not at rest."""
+    if not rest.settled:
+        return rest
+    finer = _seen(level, rest.cavity.viewpoint, cuts, rest.cavity.whole, rest.cavity.reach)
+    return at_rest(finer, liquids, down, rest.fill, refined_start(rest, finer, cuts))
 
 
 def _place_of_ball(cavity: StarCavity, drive: np.ndarray, radius: float) -> np.ndarray:
@@ -121,10 +132,8 @@ def _middle(rest: Rest) -> np.ndarray:
     return cavity.viewpoint + volume @ corners.sum(axis=1) / (4.0 * volume.sum())
 
 
-def _energy(rest: Rest, liquids: Liquids, down: np.ndarray) -> float:
+def energy(rest: Rest, liquids: Liquids) -> float:
     """Energy in J, with the weight counted from the origin, so that views from several points can be compared."""
     cavity = rest.cavity
     volume = float(cavity.solid @ rest.distance[cavity.faces].prod(axis=1)) / 6.0
-    height = float(cavity.viewpoint @ np.asarray(down, float))
-    return (liquids.tension * length_of(cavity) ** 2 * rest.energy
-            + liquids.density_difference * liquids.gravity * height * volume)
+    return liquids.tension * length_of(cavity) ** 2 * rest.energy + volume * float(cavity.viewpoint @ rest.pull)
