@@ -3,11 +3,11 @@ import re
 import shlex
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.scenes.folders import scene_paths
-from pipeline.study_kit.plan import study_names
+from pipeline.studies.plan import study_names
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [path for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md"))
@@ -27,6 +27,7 @@ def commands() -> list[str]:
 STAGES = sorted({match[1] for line in commands() if (match := MODULE.search(line))})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("module", STAGES)
 def test_stages_of_the_documents_have_the_options_that_they_name(module):
     done = forked.run(module, "--help")

@@ -1,13 +1,13 @@
 """Meshes as clinics and programs write them: where they lie, how vertices are spread, dialects, steps of voxels."""
 import json
 
-import forked
 import numpy as np
 import pytest
 import pyvista
 import trimesh
 from conftest import ROOT
-from mesh_dialects import binary_stl, comma, obj, ply_of_strips, text_stl
+from helpers import forked
+from helpers.mesh_dialects import binary_stl, comma, obj, ply_of_strips, text_stl
 from skimage.measure import marching_cubes
 
 from pipeline.base.errors import UserError

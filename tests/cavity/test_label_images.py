@@ -1,12 +1,13 @@
 """Labelled images in place of a mesh: made here of a known eye, read back as its surface, or refused in a sentence."""
 import json
 
-import forked
 import nibabel
 import nrrd
 import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import forked
+from helpers.cases import thorough
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.landmarks import laid
@@ -95,8 +96,8 @@ def is_the_eye(mesh, exact, sizes=CUBE):
 
 
 @pytest.mark.parametrize(("codes", "sizes", "oblique"), [
-    ("RAS", CUBE, 0.0), ("LPS", CUBE, 0.0), ("LAS", CUBE, 0.0), ("PIR", (0.4, 0.5, 0.6), 0.0), ("RAS", CUBE, 25.0),
-    ("LIA", (0.5, 0.4, 1.0), -15.0), ("LAS", (0.3, 0.3, 1.5), 10.0)])
+    thorough("RAS", CUBE, 0.0), ("LPS", CUBE, 0.0), thorough("LAS", CUBE, 0.0), ("PIR", (0.4, 0.5, 0.6), 0.0),
+    ("RAS", CUBE, 25.0), thorough("LIA", (0.5, 0.4, 1.0), -15.0), ("LAS", (0.3, 0.3, 1.5), 10.0)])
 def test_every_orientation_gives_the_eye(exact, tmp_path, codes, sizes, oblique):
     mesh, found, lies = lying(nifti(tmp_path / "eye.nii.gz", *segmented(codes, sizes, oblique)))
     assert is_the_eye(mesh, exact, sizes)
@@ -105,13 +106,14 @@ def test_every_orientation_gives_the_eye(exact, tmp_path, codes, sizes, oblique)
     assert "its steps were smoothed at the same volume" in found.repairs[0]
 
 
-@pytest.mark.parametrize("space", ["left-posterior-superior", "right-anterior-superior", "LAS"])
+@pytest.mark.parametrize("space", ["left-posterior-superior", thorough("right-anterior-superior"), thorough("LAS")])
 @pytest.mark.parametrize("name", ["eye.nrrd", "eye.nhdr"])
 def test_nrrd_gives_the_eye(exact, tmp_path, space, name):
     mesh, found, lies = lying(nrrd_file(tmp_path / name, *segmented("LPS", (0.4, 0.5, 0.6)), space=space))
     assert is_the_eye(mesh, exact) and "as the head of its file tells" in lies[0] and not found.warnings
 
 
+@pytest.mark.thorough
 def test_the_area_is_that_of_the_eye(tmp_path):
     """Steps of voxels would have up to half as much again."""
     labels, affine = segmented(wide=28.0)
@@ -266,6 +268,7 @@ def test_specks_and_hollows_are_mended_and_told(exact, tmp_path):
     assert any("filled hollows with 0.0" in one for one in found.repairs)
 
 
+@pytest.mark.thorough
 def test_whole_numbers_are_read_whatever_their_kind(exact, tmp_path):
     labels, affine = segmented()
     for kind in (np.int16, np.float32, np.float64):
@@ -327,6 +330,7 @@ def test_the_stage_reads_an_image(tmp_path):
     np.testing.assert_allclose(bounds, EYE.bounds, atol=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_label_without_an_image_is_refused(tmp_path):
     done = stage(tmp_path, "{label: 4}")
     assert done.returncode == 2 and "eye.label is given, but model is parametric" in done.stderr

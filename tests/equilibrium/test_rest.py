@@ -1,6 +1,7 @@
 """Oil at rest against Young and Laplace's equations in a sphere, and against an independent minimizer in the eye."""
 import numpy as np
 import pytest
+from helpers.cases import thorough
 
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.contact import Contact, shares
@@ -12,7 +13,7 @@ from pipeline.equilibrium.star_cavity import StarCavity, cavity_of, icosphere, p
 from pipeline.equilibrium.wetting import Wetting
 from pipeline.planning.settings import postures
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.young_laplace import oil_at_rest
+from studies.validation.kit.young_laplace import oil_at_rest
 
 RADIUS = 0.011
 UPRIGHT = np.array([0.0, -1.0, 0.0])
@@ -41,6 +42,7 @@ def lowest(rest) -> float:
     return float(rest.surface[rest.cavity.direction[:, 1].argmin(), 1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("angle", [10.0, 18.2, 35.0, 45.0])
 @pytest.mark.parametrize("fill", [0.6, 0.8, 0.95])
 def test_oil_in_a_sphere_has_the_shape_of_young_and_laplace(sphere, fill, angle):
@@ -53,7 +55,8 @@ def test_oil_in_a_sphere_has_the_shape_of_young_and_laplace(sphere, fill, angle)
     assert lowest(rest) == pytest.approx(-abs(exact.apex), abs=0.15e-3)
 
 
-@pytest.mark.parametrize(("name", "fill"), [("oil", 0.01), ("oil", 0.1), ("oil", 0.3), ("gas", 0.02), ("gas", 0.2)])
+@pytest.mark.parametrize(("name", "fill"), [
+    thorough("oil", 0.01), ("oil", 0.1), thorough("oil", 0.3), ("gas", 0.02), thorough("gas", 0.2)])
 def test_a_small_fill_has_the_shape_of_young_and_laplace(sphere, name, fill):
     """With 2,562 directions: the lowest point is within 0.05 mm, the arc 3 degrees; few directions touch too much."""
     liquids = {"oil": OIL, "gas": GAS}[name]
@@ -67,7 +70,7 @@ def test_a_small_fill_has_the_shape_of_young_and_laplace(sphere, name, fill):
     assert volume == pytest.approx(fill * sphere.volume, rel=1e-6)
 
 
-@pytest.mark.parametrize("fill", [0.6, 0.85])
+@pytest.mark.parametrize("fill", [thorough(0.6), 0.85])
 def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
     exact = oil_at_rest(fill, OIL.contact_angle, 35.0 * 9.81 / 0.04, RADIUS, 3)
     rest = at_rest(sphere, OIL, UPRIGHT, fill)
@@ -77,6 +80,7 @@ def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
     assert above == pytest.approx(35.0 * 9.81 * 0.01)
 
 
+@pytest.mark.thorough
 def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.85)
     found = shares(Contact.of(rest))
@@ -85,6 +89,7 @@ def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     assert Contact.of(rest).arc() == pytest.approx(242.9, abs=3.0)
 
 
+@pytest.mark.thorough
 def test_a_scene_rests_in_a_finer_shape(eye):
     """Measured: 0.1 to 0.4 points off; few directions touch too much."""
     rest = rest_in_eye(Eye(), OIL, UPRIGHT, 0.85)
@@ -95,7 +100,8 @@ def test_a_scene_rests_in_a_finer_shape(eye):
 
 
 @pytest.mark.parametrize(("name", "posture", "fill"), [
-    ("oil", "supine", 0.02), ("oil", "upright", 0.2), ("gas", "supine", 0.2), ("gas", "left_side", 0.02)])
+    ("oil", "supine", 0.02), thorough("oil", "upright", 0.2), thorough("gas", "supine", 0.2),
+    thorough("gas", "left_side", 0.02)])
 def test_small_fills_are_found_in_every_posture(name, posture, fill):
     """Seen from the middle of the cavity, none of these was."""
     rest = rest_in_eye(Eye(), {"oil": OIL, "gas": GAS}[name], postures()[posture], fill)
@@ -104,6 +110,7 @@ def test_small_fills_are_found_in_every_posture(name, posture, fill):
     assert height.max() > 0.99 * (-(rest.cavity.wall @ postures()[posture])).max() - 0.5e-3
 
 
+@pytest.mark.thorough
 def test_of_two_shapes_at_rest_the_one_with_less_energy_counts():
     """Half of the cavity, supine: seen from the axis, oil hangs on the lens alone, with 2 % more energy."""
     rest = rest_in_eye(Eye(), OIL, postures()["supine"], 0.5)
@@ -111,6 +118,7 @@ def test_of_two_shapes_at_rest_the_one_with_less_energy_counts():
     assert shares(Contact.of(rest))["retina"] > 0.1
 
 
+@pytest.mark.thorough
 def test_the_volume_is_exact_and_no_oil_is_behind_the_wall(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.7)
     volume = eye.solid @ rest.distance[eye.faces].prod(axis=1) / 6.0
@@ -118,6 +126,7 @@ def test_the_volume_is_exact_and_no_oil_is_behind_the_wall(eye):
     assert (rest.distance <= eye.radius * (1.0 + 1e-12)).all()
 
 
+@pytest.mark.thorough
 def test_starts_that_differ_end_at_one_shape(eye):
     ends = [at_rest(eye, OIL, UPRIGHT, 0.85, start) for start in (None, eye.radius, 0.5 * eye.radius)]
     for end in ends:
@@ -187,6 +196,7 @@ def test_a_cavity_that_is_not_seen_from_one_point_is_refused():
         StarCavity.of_level(two_balls, np.zeros(3))
 
 
+@pytest.mark.thorough
 def test_a_mesh_of_the_eye_rests_as_the_eye_does(eye, tmp_path):
     from pipeline.cavity.surface import cavity_mesh
 

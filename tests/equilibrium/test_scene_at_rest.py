@@ -15,7 +15,7 @@ from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import AT_REST
 from pipeline.simulation.solver_setup import build_solver, initial_phases
-from pipeline.studies.rest_by_simulation import PARTS, retina_covered
+from studies.validation.rest_by_simulation import PARTS, retina_covered
 
 FILL = 0.85
 
@@ -37,6 +37,7 @@ def in_posture(scene, posture):
     return dataclasses.replace(scene, effects=scene.effects | {"gravity": gravity})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("posture", ["upright", "prone"])
 def test_oil_starts_where_it_rests_in_the_posture_of_the_scene(scene, initial, posture):
     """A shape of least energy, read from particles by the rule of the metrics: 2 points are what particles tell."""
@@ -52,6 +53,7 @@ def test_oil_starts_where_it_rests_in_the_posture_of_the_scene(scene, initial, p
     assert np.mean(flat != phase) > 0.02
 
 
+@pytest.mark.thorough
 def test_oil_at_rest_hardly_moves(taichi, scene):
     """In 40 ms the level oil of the same scene moves more than twice as fast; particles of 1.6 mm tell that too."""
     scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, particle_spacing=1.6e-3))
@@ -65,6 +67,7 @@ def test_oil_at_rest_hardly_moves(taichi, scene):
     assert speed[AT_REST] < 0.5 * speed["level"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("posture", "axis", "way"), [("upright", 1, 1), ("prone", 2, -1), ("left_side", 0, -1)])
 def test_a_small_fill_starts_as_a_bubble_at_the_wall(scene, initial, posture, axis, way):
     """2 %, a ball of 6 mm: where it starts, the wall is nearer than its radius."""
@@ -76,6 +79,7 @@ def test_a_small_fill_starts_as_a_bubble_at_the_wall(scene, initial, posture, ax
     assert np.linalg.norm(oil - oil.mean(axis=0), axis=1).max() < 4.5e-3
 
 
+@pytest.mark.thorough
 def test_a_shape_that_is_not_found_is_one_sentence(monkeypatch, scene, initial):
     monkeypatch.setattr(rest, "STEPS", 1)
     with pytest.raises(UserError, match=r"initial\.shape: no shape of 85 % oil at rest was found.*write level"):

@@ -23,7 +23,7 @@ import trimesh
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from mesh_dialects import binary_stl, obj, ply_of_strips, text_stl  # noqa: E402
+from helpers.mesh_dialects import binary_stl, obj, ply_of_strips, text_stl  # noqa: E402
 from skimage.measure import marching_cubes  # noqa: E402
 
 from pipeline.base.errors import UserError  # noqa: E402

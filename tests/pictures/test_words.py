@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import pyvista
 from conftest import ROOT
+from helpers.synthetic_frames import RADIUS, ball, frame_of, lattice
 from PIL import Image, ImageDraw
-from synthetic_frames import RADIUS, ball, frame_of, lattice
 
 from pipeline import compare, metrics
 from pipeline.base.frame_files import frame_path, write_frame
@@ -21,8 +21,8 @@ from pipeline.pictures.paint import OF_OIL
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.render import Renderer
 from pipeline.scenes.load import load_scene
-from pipeline.study_kit.model import Outcome, compared
-from pipeline.study_kit.report import write_study
+from pipeline.studies.model import Outcome, compared
+from pipeline.studies.report import write_study
 from pipeline.surfaces.liquid_surface import Reconstructor
 from pipeline.surfaces.surface_files import read_section, read_wall
 from sim.effects.injection import InjectionParameters
@@ -128,6 +128,7 @@ def drawn(monkeypatch):
     return Drawn(monkeypatch)
 
 
+@pytest.mark.thorough_cases("supine-left", "prone-right", "prone-left", "lying on the left side-right")
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("posture", POSTURES)
 def test_words_of_a_picture_are_its_numbers(made, drawn, posture, side):
