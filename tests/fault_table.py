@@ -563,7 +563,7 @@ FAULTS = (
     Fault("words_beside", "the patient's left and right are swapped beside the section",
           'side = "left" if left > 0.5 else "right"',
           'side = "right" if left > 0.5 else "left"',
-          "test_words_of_a_picture_are_its_numbers[upright-right]"),
+          "test_words_of_a_picture_are_its_numbers[lying on the left side-right]"),
     Fault("words_nasal", "nasal and temporal are swapped on the maps of left eyes",
           '("temporal", "nasal") if self.right_eye else ("nasal", "temporal")',
           '("temporal", "nasal")',

@@ -128,7 +128,7 @@ def drawn(monkeypatch):
     return Drawn(monkeypatch)
 
 
-@pytest.mark.thorough_cases("supine-left", "prone-right", "prone-left", "lying on the left side-right")
+@pytest.mark.thorough_cases("supine-left", "prone-right", "prone-left", "lying on the left side-left")
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("posture", POSTURES)
 def test_words_of_a_picture_are_its_numbers(made, drawn, posture, side):
