@@ -40,7 +40,8 @@ def files() -> tuple[Path, ...]:
     """Text files of the project, this one left out, which holds examples of what it looks for."""
     found = [path for path in ROOT.iterdir() if path.suffix == ".md" or path.name == "Snakefile"]
     for folder in FOLDERS:
-        found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS and ".venv" not in path.parts]
+        found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS
+                  and not {".venv", "_build"} & set(path.parts)]
     return tuple(sorted(path for path in found if path != Path(__file__)))
 
 

@@ -5,19 +5,18 @@ times and digests are those that Snakemake has noted, so that what was made by o
 relative to the folder: it may be moved or packed.
 """
 import dataclasses
-import functools
 import hashlib
 import json
 import os
 import platform
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.base.computer import computer
 from pipeline.base.errors import UserError
+from pipeline.base.origin import NAME, changed, commit, release
 from pipeline.base.packages import packages
 from pipeline.base.project import PROJECT, SNAKEFILE
 from pipeline.base.usage import read_usage
@@ -38,8 +37,8 @@ from pipeline.runs.contents import CRATE, is_result, left_over
 from pipeline.runs.run_folder import RunFolder
 from pipeline.workflow.notes import Job, jobs_of
 
-NAME = "eye-oil-pipeline"
 WORKFLOW = PurePosixPath("workflow")  # a copy of the rules by which the run was made
+SCENE = PurePosixPath("scene.json")
 OWN_RULE = "crate"
 NO_LICENSE = "No license is stated for these results."
 USED = {"wall": ("seconds on the clock", "SEC"), "cpu": ("seconds of all cores", "SEC"),
@@ -86,27 +85,9 @@ def copied_rules() -> dict[PurePosixPath, str]:
     return {WORKFLOW / path.relative_to(PROJECT).as_posix(): path.read_text(encoding="utf-8") for path in files}
 
 
-@functools.cache
 def code_version() -> str:
     """Return the version of this code, with the commit and whether it was changed where it is a checkout."""
-    try:
-        told = version(NAME)
-    except PackageNotFoundError:
-        told = "0"
-    commit = _git("rev-parse", "--short=12", "HEAD")
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", "pipeline", "sim", "rules", SNAKEFILE)
-    return told + (f"+g{commit}" if commit else "") + (".changed" if commit and changed else "")
-
-
-def _git(*arguments: str) -> str:
-    """What Git says of the project; nothing where it is no checkout of its own, or there is no Git."""
-    if not (PROJECT / ".git").exists():
-        return ""
-    try:
-        done = subprocess.run(["git", "-C", PROJECT, *arguments], capture_output=True, text=True, check=False)
-    except OSError:
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+    return release() + (f"+g{commit()}" if commit() else "") + (".changed" if changed() else "")
 
 
 def crate_of(run: RunFolder, threads: int = 1) -> str:
@@ -152,11 +133,16 @@ class _Crate:
 
     def __init__(self, run: RunFolder, outputs: dict[Job, list[PurePosixPath]], threads: int):
         self.run, self.outputs, self.entities = run, outputs, Entities()
-        paths = sorted({path for made in ([WORKFLOW], *outputs.values()) for one in made for path in self._files(one)})
+        paths = sorted({path for made in ([SCENE, WORKFLOW], *outputs.values()) for one in made
+                        for path in self._files(one)})
         before = measured_before(run.folder / CRATE)
         with ThreadPoolExecutor(threads) as pool:
             self.measured = dict(zip(paths, pool.map(
                 lambda path: measure(run.folder / path, before.get(file_id(path))), paths), strict=True))
+        self.inside: dict[PurePosixPath, set[PurePosixPath]] = {}  # folder -> what is directly in it
+        for path in paths:
+            for one in (path, *path.parents[:-1]):
+                self.inside.setdefault(one.parent, set()).add(one)
         self._describe()
 
     def _files(self, path: PurePosixPath) -> list[PurePosixPath]:
@@ -169,10 +155,9 @@ class _Crate:
     def _describe(self) -> None:
         run, add, begun, ended = self.run, self.entities.add, *self._span()
         add(CRATE, "CreativeWork", about={"@id": "./"}, conformsTo=[{"@id": CRATE_VERSION}, {"@id": WORKFLOW_CRATE}])
-        parts = {path.parts[0] for path in self.measured}
         add("./", "Dataset", name=f"{run.title} ({run.scene.name} at {run.level})", description=run.scene.description,
             datePublished=moment(ended), license=NO_LICENSE, conformsTo=[{"@id": one} for one in PROFILES],
-            hasPart=[self._reference(PurePosixPath(part)) for part in sorted(parts)],
+            hasPart=self._parts(PurePosixPath()),
             mainEntity={"@id": file_id(WORKFLOW / SNAKEFILE)},
             mentions=[{"@id": "#engine"}, {"@id": "#run"}, {"@id": "#computer"},
                       *({"@id": f"#job-{job.name}"} for job in self.outputs)])
@@ -183,10 +168,8 @@ class _Crate:
         for job in self.outputs:
             self._describe_job(job)
         self._describe_surroundings()
-        for folder in sorted({parent for path in self.measured for parent in path.parents} - {PurePosixPath()}):
-            inside = {path.relative_to(folder).parts[0] for path in self.measured if path.is_relative_to(folder)}
-            add(folder_id(folder), "Dataset", name=f"{folder}", hasPart=[
-                self._reference(folder / part) for part in sorted(inside)])
+        for folder in sorted(self.inside.keys() - {PurePosixPath()}):
+            add(folder_id(folder), "Dataset", name=f"{folder}", hasPart=self._parts(folder))
         for path in self.measured:
             add(file_id(path), "File", name=path.name, encodingFormat=FORMATS.get(path.suffix, "text/plain"),
                 **self._measured(path))
@@ -195,6 +178,9 @@ class _Crate:
         """The properties of a file that were measured."""
         one = self.measured[path]
         return {"contentSize": str(one.size), "dateModified": one.changed, "sha256": one.checksum}
+
+    def _parts(self, folder: PurePosixPath) -> list[Reference]:
+        return [self._reference(path) for path in sorted(self.inside[folder])]
 
     def _span(self) -> tuple[float, float]:
         return min(job.start for job in self.outputs), max(job.end for job in self.outputs)
@@ -215,7 +201,7 @@ class _Crate:
                      **(level if name == "accuracy" else {})) for name, value in values.items() if value != ""]
         add("scene.json", "File", name="scene.json", exampleOfWork={"@id": "#parameter-scene"},
             description="The scene with every default, in SI units", encodingFormat=FORMATS[".json"],
-            **self._measured(PurePosixPath("scene.json")))
+            **self._measured(SCENE))
         results = [self._reference(path) for made in self.outputs.values() for path in made]
         add("#engine", "OrganizeAction", name="Run of Snakemake", instrument={"@id": "#Snakemake"},
             object=[{"@id": f"#step-{job.name}"} for job in self.outputs], result={"@id": "#run"},
@@ -275,7 +261,7 @@ class _Crate:
     def _input(self, name: str) -> Reference:
         """What a job read: of the run, or from elsewhere, such as the mesh of an eye, which the crate does not hold."""
         path = _within(self.run.folder, name)
-        if path is not None and (path in self.measured or self._files(path)):
+        if path in self.measured or path in self.inside:
             return self._reference(path)
         place = Path(name)
         return self.entities.add(f"#{name}" if not place.is_absolute() else f"#{place.name}", "CreativeWork",

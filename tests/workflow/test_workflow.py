@@ -274,6 +274,10 @@ def test_finished_run_is_as_its_crate_says(finished, opengl):
 
 @pytest.mark.thorough
 def test_the_crate_is_written_last_and_again_whenever_a_file_is(finished, opengl):
+    with contextlib.chdir(finished.folder):
+        jobs = {job.rule: job for job in jobs_of(Path("outputs/tiny/draft"))}
+    waited_for = {*jobs["crate"].inputs}
+    assert {name for rule, job in jobs.items() if rule != "crate" for name in job.outputs} <= waited_for
     code, output = finished.snakemake("-n", "-R", "metrics", "--", *targets(True))
     plan = planned(output)
     assert plan["metrics"] == plan["page"] == plan["crate"] == 1 and plan["simulate"] == 0, output
