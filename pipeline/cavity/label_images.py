@@ -20,6 +20,7 @@ from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
 
 MOST_VOXELS = 500_000_000       # 800 along every side, 4 GB as numbers of 8 bytes
+AT_ONCE = 10_000_000            # voxels that are counted
 MOST_LABELS = 1000              # more different values are those of a gray image; atlases of the brain have 200
 TOLD = 12                       # labels that a sentence lists
 FEWEST_ACROSS = 8               # voxels across the cavity
@@ -244,7 +245,9 @@ def _volumes(image: LabelImage) -> dict[int, float]:
     flat = image.labels.ravel(order="K")
     low, high = int(flat.min()), int(flat.max())
     if low >= 0 and high < 2**16:
-        counts = np.bincount(flat)
+        counts = np.zeros(high + 1, np.int64)
+        for begin in range(0, len(flat), AT_ONCE):  # NumPy makes numbers of 8 bytes of what it counts
+            counts += np.bincount(flat[begin:begin + AT_ONCE], minlength=high + 1)
         numbers = np.flatnonzero(counts)
         counts = counts[numbers]
     else:
