@@ -31,6 +31,7 @@ from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words, knows_films
+from sim.backend.choice import library
 from sim.effects import REGISTRY
 
 MOST_BYTES = 10 * 10**6  # of the whole page: it is sent by mail
@@ -46,7 +47,7 @@ NOT_IN_AN_EYE = ("In no scene are: the vitreous, the give of the wall and of the
                  "films of aqueous thinner than the particle spacing")
 FILMS_TOLD = ("; where they are and how thick follows from theory, by how fast the oil came over the wall and how long "
               "ago: the retina there counts as under oil, but not as touched")
-PACKAGES = ("eye-oil-pipeline", "taichi", "numpy", "scipy", "pyvista", "vtk", "snakemake")
+PACKAGES = ("eye-oil-pipeline", library().name, "numpy", "scipy", "pyvista", "vtk", "snakemake")
 FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "last picture",
          "still.png": "illustration", "film.mp4": "film of the illustration", "moments.png": "eight moments",
          "metrics.csv": "metrics of every frame", "effects.csv": "cost of the effects",
