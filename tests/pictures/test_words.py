@@ -22,6 +22,7 @@ from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.render import Renderer
 from pipeline.scenes.load import load_scene
 from pipeline.studies.model import Outcome, compared
+from pipeline.studies.plan import Study
 from pipeline.studies.report import write_study
 from pipeline.surfaces.liquid_surface import Reconstructor
 from pipeline.surfaces.surface_files import read_section, read_wall
@@ -282,8 +283,7 @@ def test_the_page_of_a_study_holds_every_row(tmp_path, capsys):
     """Those that do not hold are in the table, in the page and in what is printed."""
     rows = [compared("first thing", 1.0, 1.0, 0.1), compared("second thing", 2.0, 1.0, 0.1),
             compared("third thing", 3.0, 1.0, None)]
-    study = types.SimpleNamespace(name="small", title="Small", description="Three things.", accuracy="draft",
-                                  report=None, page=None, figures=tuple, families=tuple, pictures=tuple)
+    study = Study(name="small", title="Small", description="Three things.", accuracy="draft", cases={})
     outcome = Outcome()
     outcome.rows += rows
     write_study(study, [dataclasses.replace(outcome, case="only")], tmp_path)
