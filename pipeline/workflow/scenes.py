@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
+from pipeline.cavity.eye_files import eye_files
 from pipeline.runs.contents import CRATE
 from pipeline.runs.segments import segments_made, segments_until_rest
 from pipeline.scenes.checks import NAME
@@ -203,9 +204,8 @@ class Workflow:
         return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{last}.npz"]
 
     def mesh(self, name: str, level: str) -> list[str]:
-        """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
-        eye = self.scene(name, level).eye
-        return [eye.path] if eye is not None and eye.path else []
+        """Return the files of the user's mesh or image of the eye; none for the parametric eye."""
+        return eye_files(self.scene(name, level).eye)
 
     def wanted(self, names: Iterable[str]) -> list[str]:
         """Return what is made of scenes unless somebody asks for less, at the accuracy level of this call."""
