@@ -72,6 +72,7 @@ rule compare:
         "outputs/{scene}/logs/compare_{level}_{other}.log",
     params:
         depends=stage_digest("compare"),
+        texts=room_texts("web"),
     message:
         "{wildcards.scene}: compare {wildcards.level} with {wildcards.other}"
     shell:

@@ -34,8 +34,10 @@ CHOICES = ("sim.effects", "sim.schemes")
 NAMES_ONLY = ("sim.settings",)
 # A scene's effects are values to the stages around the solver, but for these modules, which run their code.
 ASKING = ("pipeline.forecast.phases", "pipeline.measures.events", "pipeline.measures.metric",
-          "pipeline.planning.settings", "pipeline.scenes.effects", "pipeline.scenes.fill",
+          "pipeline.planning.settings", "pipeline.scenes.effects", "pipeline.scenes.fill", "pipeline.scenes.timeline",
           "pipeline.simulation.solver_setup")
+
+BESIDE = (".css", ".html", ".js")
 
 # What files say, by what they hold, for processes to come: to parse all takes seconds.
 KNOWN = Path(importlib.util.cache_from_source(__file__)).with_suffix(".json")
@@ -117,9 +119,14 @@ def _imports(path: Path) -> Iterator[str]:
 
 
 def _meaning(path: Path, speaks: bool) -> str:
-    """Digest of the code of a file without comments, docstrings and layout; what only speaks counts if `speaks`."""
+    """Digest of the code of a file without comments, docstrings and layout; what only speaks counts if `speaks`.
+
+    What lies beside it under its name, a style or a template, counts with it.
+    """
     choice = any(path.is_relative_to(ROOT.joinpath(*package.split("."))) for package in CHOICES)
-    return _facts(path)["all" if speaks or not choice else "work"]
+    code = _facts(path)["all" if speaks or not choice else "work"]
+    beside = [path.with_suffix(kind) for kind in BESIDE]
+    return shortened(code, *(one.read_text(encoding="utf-8") for one in beside if one.is_file()))
 
 
 def _facts(path: Path) -> dict:

@@ -32,6 +32,7 @@ LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
 DEVICE = "--config device"
+TEXTS = (".js", ".css", ".html")  # of pages
 WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd")
 
 
@@ -71,6 +72,14 @@ def scene_names() -> list[str]:
 def sha256(content: bytes) -> str:
     """Return the digest of the content of files, 16 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+def room_texts(*rooms: str) -> str:
+    """Return the digest of the scripts, styles and templates in rooms of the pipeline, and of their libraries."""
+    from pipeline.base.digest import ROOT
+
+    return sha256(b"".join(path.read_bytes() for room in rooms for path in sorted((ROOT / "pipeline" / room).rglob("*"))
+                           if path.suffix in TEXTS))
 
 
 def rest_file(name: str, level: str, segment: str) -> str:
@@ -287,11 +296,8 @@ class Workflow:
     @staticmethod
     def page_texts(wildcards) -> str:
         """Return a parameter that changes with the texts of a page that are no Python: scripts and scene files."""
-        from pipeline.base.digest import ROOT
-
-        texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
         shown = _read(scene_files, _read(scene_path, wildcards.scene))
-        return sha256(b"".join(path.read_bytes() for path in sorted(texts)) + "".join(shown.values()).encode())
+        return sha256((room_texts("pages", "web") + "".join(shown.values())).encode())
 
     def tell_pages(self) -> None:
         """Print where the page and the pictures of every scene of this run are, as far as they have been made."""

@@ -1,0 +1,119 @@
+"""What is done to the eye of a scene, and when: postures and turns, injection, saccades, jolts of the head.
+
+It is read from the effects, so that what a scene inherits is told as well.
+"""
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+
+import yaml
+
+from pipeline.base.words import duration
+from pipeline.scenes.model import Scene
+from sim.effects import REGISTRY
+
+MOST = 12  # spans of one effect; more are told together
+
+
+@dataclasses.dataclass(frozen=True)
+class Span:
+    """Something that is done.
+
+    Attributes
+    ----------
+    effect : name of the effect that does it.
+    words : what it is.
+    begin, end : s.
+    """
+
+    effect: str
+    words: str
+    begin: float
+    end: float
+
+
+def timeline_of(scene: Scene, fill: Mapping[str, float] | None, cavity_volume: float, end: float | None = None
+                ) -> list[Span]:
+    """Return what is done in a scene, in the order of time.
+
+    Parameters
+    ----------
+    fill : share of the cavity that each liquid holds at the start; None where it is not known.
+    cavity_volume : m3, in two dimensions m2.
+    end : s, of a scene that has ended before its duration is over.
+    """
+    last = scene.output.duration if end is None else min(end, scene.output.duration)
+    found = []
+    for name in scene.effects:
+        spans = [dataclasses.replace(one, begin=max(one.begin, 0.0), end=min(one.end, last))
+                 for one in _spans(scene, name, fill, cavity_volume) if one.begin < last]
+        if len(spans) > MOST:
+            spans = [Span(name, f"{len(spans)} postures and movements: {spans[0].words} first, {spans[-1].words} last",
+                          spans[0].begin, spans[-1].end)]
+        found += spans
+    return sorted(found, key=lambda one: (one.begin, one.end))
+
+
+def _spans(scene: Scene, name: str, fill, cavity_volume: float) -> Iterator[Span]:
+    """Yield what one effect does; `held` are the postures, between which events are the turns."""
+    effect, parameters = REGISTRY[name], scene.effects[name]
+    # Where a scene has no eye, gravity has a direction and no posture.
+    held = effect.held(parameters, scene.output.duration) if scene.eye is not None else ()
+    for begin, end, _, words in held:
+        yield Span(name, f"on the {_pretty(words)}" if "_side" in words else _pretty(words), begin, end)
+    flows = ", ".join(map(_pretty, effect.brings(parameters)))
+    spans = effect.events(parameters, fill, cavity_volume) if held else effect.spans(parameters, fill, cavity_volume)
+    for words, begin, end in spans:
+        if end > begin:
+            yield Span(name, f"{flows} flows in" if flows else _pretty(words), begin, end)
+
+
+def in_words(spans: Sequence[Span], end: float, second_means: float | None = None) -> str:
+    """Return a timeline as one sentence, such as "supine until 2.3 s; turn to upright 2.3 to 2.8 s".
+
+    Parameters
+    ----------
+    end : s, of the scene.
+    second_means : s, what a second of a time-lapse stands for.
+    """
+    return "; ".join(f"{one.words} {when(one, end, second_means)}" for one in spans)
+
+
+def when(span: Span, end: float, second_means: float | None = None) -> str:
+    """Return when something is done: "until 2.3 s", "2.3 to 2.8 s", "from 2.8 s", or "throughout"."""
+    begins, ends = span.begin <= 0.0, span.end >= end * (1.0 - 1e-9)
+    if begins and ends:
+        return "throughout"
+    edges = [] if begins else [span.begin]
+    edges += [] if ends else [span.end]
+    word = "until " if begins else "from " if ends else ""
+    text = f"{word}{' to '.join(map(_short, edges))} s"
+    if second_means in (None, 1.0):
+        return text
+    return f"{text} ({' to '.join(duration(edge * second_means) for edge in edges)})"
+
+
+def told_elsewhere(sources: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return the files that say something of each effect of a scene, without its own: what is inherited.
+
+    Parameters
+    ----------
+    sources : files of the scene, name -> YAML, its own first.
+    """
+    found: dict[str, list[str]] = {}
+    removed: set[str] = set()
+    for number, (file, text) in enumerate(sources.items()):
+        effects = (yaml.safe_load(text) or {}).get("effects") or {}
+        for name, value in effects.items():
+            if number and name not in removed:
+                found.setdefault(name, []).append(file)
+            if value is None:
+                removed.add(name)  # what is extended further on does not count
+    return found
+
+
+def _short(time: float) -> str:
+    return f"{time:.2f}".rstrip("0").rstrip(".")
+
+
+def _pretty(name: str) -> str:
+    return name.replace("_", " ")

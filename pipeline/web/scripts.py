@@ -1,0 +1,24 @@
+"""Scripts of pages: their own, and the libraries that a page holds, so that it asks no network for anything."""
+import json
+from pathlib import Path
+
+from markupsafe import Markup
+
+HERE = Path(__file__).parent
+VENDOR = HERE / "vendor"
+
+
+def library(file: str, style: str = "") -> Markup:
+    """Return a library of ``vendor``, with its style, as a page holds it."""
+    sheet = Markup("<style>{}</style>\n").format(Markup(_text(VENDOR / style))) if style else Markup()
+    return sheet + Markup("<script>{}</script>").format(Markup(_text(VENDOR / file)))
+
+
+def called(file: str, function: str, root: str, values: object) -> Markup:
+    """Return a script of this folder and its call with an element and values; no text in them can end the script."""
+    text = json.dumps(values, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+    return Markup(f'<script>\n{_text(HERE / file)}{function}(document.querySelector("{root}"), {text});\n</script>')
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
