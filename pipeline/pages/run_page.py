@@ -151,7 +151,7 @@ def _timeline(run: RunFolder, sources: dict[str, str]) -> Markup:
     lines = []
     for one in timeline_of(scene, fill_in_table(scene, run.table, run.cavity_volume), run.cavity_volume, end):
         files = ", ".join(elsewhere.get(one.effect, ()))
-        lines.append(Bar(one.words, when(one, end, scene.output.second_means), [(one.begin / end, one.end / end, "")],
+        lines.append(Bar(one.words, when(one, end), [(one.begin / end, one.end / end, "")],
                          files and f"({one.effect.replace('_', ' ')} in {files})"))
     return bars(lines, _ends(run))
 

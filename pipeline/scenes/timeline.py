@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import yaml
 
 from pipeline.base.words import duration
+from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
@@ -23,12 +24,14 @@ class Span:
     effect : name of the effect that does it.
     words : what it is.
     begin, end : s.
+    second_means : s, where the effect runs in a time-lapse.
     """
 
     effect: str
     words: str
     begin: float
     end: float
+    second_means: float = 1.0
 
 
 def timeline_of(scene: Scene, fill: Mapping[str, float] | None, cavity_volume: float, end: float | None = None
@@ -44,13 +47,27 @@ def timeline_of(scene: Scene, fill: Mapping[str, float] | None, cavity_volume: f
     last = scene.output.duration if end is None else min(end, scene.output.duration)
     found = []
     for name in scene.effects:
-        spans = [dataclasses.replace(one, begin=max(one.begin, 0.0), end=min(one.end, last))
+        lapse = getattr(scene.effects[name], "second_means", 1.0)  # of postures; a lapse of mixing leaves them alone
+        spans = [dataclasses.replace(one, begin=max(one.begin, 0.0), end=min(one.end, last), second_means=lapse)
                  for one in _spans(scene, name, fill, cavity_volume) if one.begin < last]
         if len(spans) > MOST:
             spans = [Span(name, f"{len(spans)} postures and movements: {spans[0].words} first, {spans[-1].words} last",
-                          spans[0].begin, spans[-1].end)]
+                          spans[0].begin, spans[-1].end, lapse)]
         found += spans
     return sorted(found, key=lambda one: (one.begin, one.end))
+
+
+def timeline_in_words(scene: Scene, cavity_volume: float) -> str:
+    """Return what will be done in a scene, before it is run, as one sentence; empty where nothing is done.
+
+    How full a scene is that starts from another one is not known here, nor how long an injection takes then.
+
+    Parameters
+    ----------
+    cavity_volume : m3, in two dimensions m2.
+    """
+    fill = None if scene.start_from else fill_at_start(scene, lambda name: scene)
+    return in_words(timeline_of(scene, fill, cavity_volume), scene.output.duration)
 
 
 def _spans(scene: Scene, name: str, fill, cavity_volume: float) -> Iterator[Span]:
@@ -67,19 +84,18 @@ def _spans(scene: Scene, name: str, fill, cavity_volume: float) -> Iterator[Span
             yield Span(name, f"{flows} flows in" if flows else _pretty(words), begin, end)
 
 
-def in_words(spans: Sequence[Span], end: float, second_means: float | None = None) -> str:
+def in_words(spans: Sequence[Span], end: float) -> str:
     """Return a timeline as one sentence, such as "supine until 2.3 s; turn to upright 2.3 to 2.8 s".
 
     Parameters
     ----------
     end : s, of the scene.
-    second_means : s, what a second of a time-lapse stands for.
     """
-    return "; ".join(f"{one.words} {when(one, end, second_means)}" for one in spans)
+    return "; ".join(f"{one.words} {when(one, end)}" for one in spans)
 
 
-def when(span: Span, end: float, second_means: float | None = None) -> str:
-    """Return when something is done: "until 2.3 s", "2.3 to 2.8 s", "from 2.8 s", or "throughout"."""
+def when(span: Span, end: float) -> str:
+    """Return when something is done in a scene of a length, s: "2.3 to 2.8 s", "from 2.8 s", or "throughout"."""
     begins, ends = span.begin <= 0.0, span.end >= end * (1.0 - 1e-9)
     if begins and ends:
         return "throughout"
@@ -87,9 +103,9 @@ def when(span: Span, end: float, second_means: float | None = None) -> str:
     edges += [] if ends else [span.end]
     word = "until " if begins else "from " if ends else ""
     text = f"{word}{' to '.join(map(_short, edges))} s"
-    if second_means in (None, 1.0):
+    if span.second_means == 1.0:
         return text
-    return f"{text} ({' to '.join(duration(edge * second_means) for edge in edges)})"
+    return f"{text} ({' to '.join(duration(edge * span.second_means) for edge in edges)})"
 
 
 def told_elsewhere(sources: Mapping[str, str]) -> dict[str, list[str]]:

@@ -284,10 +284,8 @@ function showTurningView(root, scene) {
     replace(number, mesh) {
       const old = meshes[number];
       old.geometry.dispose();
-      const geometry = new THREE.BufferGeometry();
-      fill(geometry, mesh);
-      old.geometry = geometry;
-      for (const one of old.drawn) one.geometry = geometry;
+      turned.remove(...old.drawn);
+      meshes[number] = {...made(mesh), shown: old.shown};
       redraw();
     },
   };
