@@ -54,7 +54,7 @@ SHELF = {"category": "{scene}", "subcategory": "{level}"}  # where the report ha
 wildcard_constraints:
     scene=r"[A-Za-z0-9_-]+",
     level=flow.any_level,
-    other=flow.any_level,
+    levels=rf"({flow.any_level})(_({flow.any_level}))+",
     segment=r"\d\d\d+",
 
 

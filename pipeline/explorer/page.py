@@ -24,7 +24,6 @@ from pipeline.explorer.errors import Errors
 from pipeline.explorer.shapes import BEND, REACH, Cavities
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
-from pipeline.pages.run_page import POLICY
 from pipeline.pages.turning_view import EYE_AXES, EYE_VIEW, EYE_VIEWS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_DISTANCE, DISC_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK
@@ -34,7 +33,7 @@ from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
 from pipeline.scenes.retina import DISC_RISE, ORA
 from pipeline.web.scripts import HERE as WEB
-from pipeline.web.scripts import library
+from pipeline.web.scripts import POLICY, library
 
 MOST_BYTES = 12 * 10**6     # of the whole page
 HERE = Path(__file__).parent

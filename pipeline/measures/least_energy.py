@@ -19,6 +19,7 @@ from pipeline.scenes.model import Scene
 from sim.effects.effect import MIXES
 from sim.effects.parts.postures import words_of
 
+COVERED = "retina_coverage"  # the metric that it stands beside
 FILLS = (0.02, 0.995)  # beyond them there is as good as nothing, or all, to touch
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.measures.least_energy import LeastEnergy
+from pipeline.measures.least_energy import COVERED, LeastEnergy
 from pipeline.measures.metric import LAST
 from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.effects import illustration_in_words
@@ -12,7 +12,6 @@ from pipeline.scenes.model import Scene
 from sim.liquid import GAS_DENSITY
 
 # Of an eye: metric, part, and what it is.
-COVERED = "retina_coverage"
 OF_EYE = ((COVERED, "whole", "of the retina is under oil"),
           (COVERED, "inferior", "of its inferior half"), (COVERED, "macula", "of the macula"),
           ("emulsion", "whole", "of emulsion"))

@@ -10,7 +10,7 @@ from pipeline.advice.report import DISCLAIMER, HEADINGS, Report
 from pipeline.base import page
 from pipeline.base.tables import TIME
 from pipeline.base.usage import KINDS
-from pipeline.base.words import duration, memory
+from pipeline.base.words import duration, in_a_row, memory
 from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.retina_error import UNIT
 from pipeline.measures.events import Event, fill_in_table
@@ -33,17 +33,13 @@ from pipeline.scenes.effects import illustration_in_words, knows_films
 from pipeline.scenes.timeline import timeline_of, told_elsewhere, when
 from pipeline.simulation.cost_files import read_costs
 from pipeline.web.chart import Bar, bars, chart_library, chart_style, charts
-from pipeline.web.scripts import called, library
+from pipeline.web.scripts import POLICY, called, library
 from sim.effects import REGISTRY
 from sim.liquid import GAS_DENSITY
 
 MOST_BYTES = 10 * 10**6  # of the whole page: it is sent by mail
 HERE = Path(__file__).parent
 POSTER_WIDTH = 800
-# Browsers refuse whatever the page would ask others for.
-POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
-                'media-src data: blob:; style-src \'unsafe-inline\'; script-src \'unsafe-inline\'">\n'
-                '<link rel="icon" href="data:,">')
 ILLUSTRATION = ("This illustrates the physics; it is no prediction for a patient: nothing was compared with clinical "
                 "data.")
 NOT_IN_AN_EYE = "No scene has the vitreous, or a wall and a retina that give"
@@ -263,6 +259,6 @@ def _origin(run: RunFolder, sources: dict[str, str]) -> list[Markup]:
 
 def _comparisons(folder: Path) -> dict[str, str]:
     """Links to the comparisons of this level with others, as far as they are made."""
-    return {f"../{path.name}": path.stem.replace("compare_", "").replace("_", " and ")
+    return {f"../{path.name}": in_a_row(path.stem.split("_")[1:])
             for path in sorted(folder.resolve().parent.glob("compare_*.html"))
             if folder.resolve().name in path.stem.split("_")[1:]}

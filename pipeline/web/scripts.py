@@ -7,6 +7,11 @@ from markupsafe import Markup
 HERE = Path(__file__).parent
 VENDOR = HERE / "vendor"
 
+# Browsers refuse whatever the page would ask others for.
+POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+                'media-src data: blob:; style-src \'unsafe-inline\'; script-src \'unsafe-inline\'">\n'
+                '<link rel="icon" href="data:,">')
+
 
 def library(file: str, style: str = "") -> Markup:
     """Return a library of ``vendor``, with its style, as a page holds it."""

@@ -229,14 +229,22 @@ class Workflow:
         stop(f'no scene and no study is called "{word}"{nearest(word, known)}; {LISTED} scenes, and the studies are '
              f"{', '.join(study_names())}")
 
-    def compared(self, name: str, level: str, other: str) -> list[str]:
-        """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
-        if level == other:
-            stop(f"{OUTPUTS}/{name}/compare_{level}_{other}: compares {level} with itself; name two of "
-                 f"{', '.join(self.levels)}")
+    def levels_in(self, joined: str) -> list[str]:
+        """Return the levels in the name of a comparison, such as ``draft_standard``."""
+        longest_first = "|".join(map(re.escape, sorted(self.levels, key=len, reverse=True)))
+        return re.findall(rf"(?:^|_)({longest_first})(?=_|$)", joined)
+
+    def compared(self, name: str, joined: str) -> list[str]:
+        """Return the files by which levels of a scene are compared: metrics, pictures and costs of each."""
+        levels = self.levels_in(joined)
+        for level in levels:
+            if levels.count(level) > 1:
+                stop(f"{OUTPUTS}/{name}/compare_{joined}: compares {level} with itself; name two or more of "
+                     f"{', '.join(self.levels)}")
         files = []
-        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in (level, other)):
-            files += [f"{folder}/metrics.csv", *(f"{folder}/images/segment_{segment}" for segment in segments),
+        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in levels):
+            files += [f"{folder}/{file}" for file in ("metrics.csv", "metrics.json", "initial.npz")]
+            files += [*(f"{folder}/images/segment_{segment}" for segment in segments),
                       *(f"{folder}/costs/segment_{segment}.json" for segment in segments)]
         return files
 
@@ -255,7 +263,7 @@ class Workflow:
         first, _, after = rest.partition("/")
         meant = nearest(first, self.levels) if after else ""
         if first.startswith("compare_"):
-            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
+            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two or more of {levels}")
         if rest in self.levels:
             stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/{file}")
         if meant:
