@@ -23,7 +23,7 @@ os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["
 
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.interrupt import Interrupt
-from pipeline.workflow.scenes import Workflow, scene_names
+from pipeline.workflow.scenes import Workflow, room_texts, scene_names
 from pipeline.workflow.shell import PREFIX
 
 

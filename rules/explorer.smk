@@ -1,7 +1,6 @@
 """The explorer: one page for all fills and postures, from tables of shapes at rest."""
 
 from pipeline.scenes.load import PROJECT_CONFIG
-from pipeline.workflow.scenes import room_texts
 
 
 rule explorer:
