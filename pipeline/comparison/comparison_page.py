@@ -45,7 +45,7 @@ def price_table(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[lis
     heads += [f"{one.name}{one.unit and f' [{one.unit}]'}" for one in first]
     off = first[0] if first and first[0].at_rest is not None else None
     if off is not None:
-        heads.append(f"{off.name} less minimum energy [points]")
+        heads.append("whole less minimum energy [points]")
     lines = []
     for number, run in enumerate(runs):
         numbers = cost(run)

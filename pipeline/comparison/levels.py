@@ -166,17 +166,20 @@ def cost(run: RunFolder) -> dict[str, float]:
 
 
 def in_short(runs: Sequence[RunFolder], found: Sequence[Change]) -> str:
-    """Return one sentence: what changes most, and how much more it costs."""
+    """Return one sentence: what is known at rest, or else changes most, and how much more it costs."""
+    known = [one for one in found if one.drawn and one.at_rest is not None]
     most = sorted((one for one in found if one.drawn), key=lambda one: -one.share)[:BESIDE_COST]
-    parts = [f"{one.name} {in_a_row([one.curve.text(end) for end in one.ends])} {one.unit}".rstrip() for one in most]
+    parts = [f"{one.name} {in_a_row([one.curve.text(end) for end in one.ends])} {one.unit}".rstrip() + (
+        "" if one.at_rest is None else f" (minimum energy: {one.curve.beside(one.at_rest, one.ends[-1])} {one.unit})")
+        for one in known or most]
     costs = [cost(run).get(ALL_CORES, 0.0) for run in runs]
     price = ""
     if all(one > 0.0 for one in costs):
         times = in_a_row([f"{run.level} took {one / costs[0]:.3g} times" for run, one in zip(runs[1:], costs[1:],
                                                                                       strict=True)])
         price = f"; {times} the computing time of {runs[0].level}"
-    return (f"at the end of {in_a_row([run.level for run in runs])}, what differs most over time: "
-            f"{', '.join(parts) or 'nothing'}{price}")
+    what = "" if known else "what differs most over time: "
+    return f"at the end of {in_a_row([run.level for run in runs])}, {what}{', '.join(parts) or 'nothing'}{price}"
 
 
 def of_level(run: RunFolder) -> str:

@@ -67,7 +67,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
     return [float(f"{value:.6g}") if np.isfinite(value) else None for value in values]
 
 
-def charts(drawn: Sequence[Chart], root: str = "charts") -> Markup:
+def charts(drawn: Sequence[Chart], root: str = "curves") -> Markup:
     """Return charts side by side; nothing without any.
 
     Parameters
@@ -77,7 +77,7 @@ def charts(drawn: Sequence[Chart], root: str = "charts") -> Markup:
     if not drawn:
         return Markup()
     figures = rendered(HERE / "charts.html", charts=drawn, root=root)
-    return figures + called("chart.js", "showCharts", f".{root}", [one.record() for one in drawn])
+    return figures + called("chart.js", "showCharts", f".charts.{root}", [one.record() for one in drawn])
 
 
 def chart_library() -> Markup:
