@@ -132,5 +132,6 @@ def page_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequen
 def _resting_in_words(resting: LeastEnergy | None) -> str:
     if resting is None:
         return ""
-    return (f"Minimum energy: where oil of the same fill, {100.0 * resting.fill:.1f} %, and posture, {resting.posture}, "
-            "is at rest, computed without particles. A run that is not at rest yet has another share.")
+    return (f"Minimum energy: where oil of the same fill ({100.0 * resting.fill:.1f} %) and posture "
+            f"({resting.posture}) is at rest, computed without particles. A run that is not at rest yet has another "
+            "share.")

@@ -30,7 +30,7 @@ from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words, knows_films
-from pipeline.scenes.timeline import timeline_of, told_elsewhere, when
+from pipeline.scenes.timeline import inherited, timeline_of, when
 from pipeline.simulation.cost_files import read_costs
 from pipeline.web.chart import Bar, bars, chart_library, chart_style, charts
 from pipeline.web.scripts import POLICY, called, library
@@ -143,13 +143,11 @@ def _movie(run: RunFolder) -> dict[str, object]:
 
 def _timeline(run: RunFolder, sources: dict[str, str]) -> Markup:
     """What was done and when, as bars; what an extended scene says of it names that file."""
-    scene, end, elsewhere = run.scene, float(run.table[TIME][-1]), told_elsewhere(sources)
-    lines = []
-    for one in timeline_of(scene, fill_in_table(scene, run.table, run.cavity_volume), run.cavity_volume, end):
-        files = ", ".join(elsewhere.get(one.effect, ()))
-        lines.append(Bar(one.words, when(one, end), [(one.begin / end, one.end / end, "")],
-                         files and f"({one.effect.replace('_', ' ')} in {files})"))
-    return bars(lines, _ends(run))
+    scene, end, origin = run.scene, float(run.table[TIME][-1]), inherited(sources)
+    spans = timeline_of(scene, fill_in_table(scene, run.table, run.cavity_volume), run.cavity_volume, end)
+    return bars([Bar(one.words, when(one, end), [(one.begin / end, one.end / end, "")],
+                     f"({origin[one.effect]})" if one.effect in origin else "") for one in spans],
+                ("0 s", f"{end:g} s"))
 
 
 def _ends(run: RunFolder) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
 MOST = 12  # spans of one effect; more are told together
+MOST_KEYS = 2  # that are named
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,22 +109,35 @@ def when(span: Span, end: float) -> str:
     return f"{text} ({' to '.join(duration(edge * span.second_means) for edge in edges)})"
 
 
-def told_elsewhere(sources: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return the files that say something of each effect of a scene, without its own: what is inherited.
+def inherited(sources: Mapping[str, str]) -> dict[str, str]:
+    """Return what a scene inherits of its effects, in words: effect -> "from tamponade.yaml".
 
     Parameters
     ----------
     sources : files of the scene, name -> YAML, its own first.
     """
-    found: dict[str, list[str]] = {}
-    removed: set[str] = set()
-    for number, (file, text) in enumerate(sources.items()):
-        effects = (yaml.safe_load(text) or {}).get("effects") or {}
-        for name, value in effects.items():
-            if number and name not in removed:
-                found.setdefault(name, []).append(file)
-            if value is None:
-                removed.add(name)  # what is extended further on does not count
+    own = next(iter(sources), "")
+    origin: dict[str, dict[str, str]] = {}
+    for file, text in sources.items():
+        for name, value in ((yaml.safe_load(text) or {}).get("effects") or {}).items():
+            keys = origin.setdefault(name, {})
+            if keys.get("") is None:  # else a file before it has removed what this one says
+                for key in value or ():
+                    keys.setdefault(key, file)
+                if value is None:
+                    keys[""] = file
+    found = {}
+    for name, keys in origin.items():
+        elsewhere = {key: file for key, file in keys.items() if key and file != own}
+        files = ", ".join(dict.fromkeys(elsewhere.values()))
+        if not elsewhere:
+            continue
+        if len(elsewhere) == sum(map(bool, keys)):
+            found[name] = f"from {files}"
+        elif len(elsewhere) <= MOST_KEYS:
+            found[name] = f"{', '.join(map(_pretty, elsewhere))} from {files}"
+        else:
+            found[name] = f"in part from {files}"
     return found
 
 

@@ -147,7 +147,7 @@ def test_a_number_is_rounded_once(index):
 def test_inherited_turns_are_told_with_the_file_that_says_so(index):
     line = r'<div role="listitem"><span>([^<]*)(?: <small>([^<]*)</small>)?</span><span class="when">([^<]*)'
     lines = re.findall(line, index.read_text())
-    assert ("supine", "(gravity in tamponade.yaml)", "throughout") in lines
+    assert ("supine", "(from tamponade.yaml)", "throughout") in lines
     assert any(words == "silicone oil 1000 flows in" and "tamponade.yaml" in file for words, file, _ in lines)
 
 

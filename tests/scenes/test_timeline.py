@@ -7,7 +7,7 @@ from conftest import ROOT
 from pipeline import scene as stage
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
-from pipeline.scenes.timeline import MOST, in_words, timeline_in_words, timeline_of, told_elsewhere
+from pipeline.scenes.timeline import MOST, in_words, inherited, timeline_in_words, timeline_of
 from pipeline.scenes.yaml_files import scene_files
 
 VOLUME = 5.05e-6  # m3
@@ -48,10 +48,12 @@ def test_a_check_tells_a_turn_that_is_inherited(scenes, capsys):
 
 def test_what_another_file_says_is_told_with_that_file():
     files = scene_files(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")
-    assert told_elsewhere(files)["gravity"] == ["tamponade.yaml"]
-    removed = {"a.yaml": "effects: {injection: null, gravity: {posture: prone}}", "b.yaml": "effects: {injection: {}, "
-               "gravity: {}}", "c.yaml": "title: none"}
-    assert told_elsewhere(removed) == {"gravity": ["b.yaml"]}
+    assert inherited(files)["gravity"] == "from tamponade.yaml"
+    chain = {"a.yaml": "effects: {injection: null, gravity: {posture: prone}, eye_rotation: {oscillation: {}}}",
+             "b.yaml": "effects: {injection: {fill: 1}, gravity: {turns: []}}", "c.yaml": "title: none"}
+    assert inherited(chain) == {"gravity": "turns from b.yaml"}
+    assert inherited({"a.yaml": "effects: {injection: {fill: 1}}", "b.yaml": "effects: {injection: {flow: 1, drain: 2, "
+                      "cannula: 3}}"}) == {"injection": "in part from b.yaml"}
 
 
 def test_a_scene_that_ended_early_is_told_to_its_end():
