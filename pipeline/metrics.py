@@ -31,7 +31,7 @@ from pipeline.measures.least_energy import least_energy_of
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
 from pipeline.measures.place_course import courses_of
 from pipeline.measures.places import Places, places_of
-from pipeline.measures.plots import overview, write_plots
+from pipeline.measures.plots import write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
@@ -312,7 +312,7 @@ def main(arguments: list[str] | None = None) -> None:
         write_meanings(options.meanings, metrics_of(scene), [course.record() for course in courses],
                        None if resting is None else dataclasses.asdict(resting))
     if options.summary:
-        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title), courses, rest)
+        write_summary(options.summary, shown, table, scene, events, courses, rest)
     if options.plots:
         write_plots(options.plots, shown, table, events, title)
 

@@ -13,13 +13,13 @@ from pipeline.base.usage import KINDS
 from pipeline.base.words import duration, in_a_row, memory
 from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.retina_error import UNIT
+from pipeline.measures.charts import bars_of_metrics, curves
 from pipeline.measures.events import Event, fill_in_table
 from pipeline.measures.metric import LAST
 from pipeline.measures.place_course import courses_of
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Shown
 from pipeline.measures.summary import breaks_over_time, changing, constant
-from pipeline.pages.curves import bars_of_metrics, curves
 from pipeline.pages.embedded import data_url, webp
 from pipeline.pages.fundus_strip import fundus_strip
 from pipeline.pages.headlines import Headline, headlines_of

@@ -1,4 +1,4 @@
-"""What a run has measured over time, for its page: curves with values on hover, and bars of what is yes or no."""
+"""What a run has measured over time, for pages: curves with values on hover, and bars of what is yes or no."""
 from collections.abc import Sequence
 
 import numpy as np
