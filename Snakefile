@@ -94,6 +94,7 @@ localrules:
     rest,
     effect_costs,
     cost,
+    crate,
     software,
     explorer,
 

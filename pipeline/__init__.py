@@ -5,7 +5,7 @@ As a library: ``pipeline.run``, ``pipeline.open_run``, ``pipeline.plan_fill``, `
 import importlib
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.base.errors import UserError
@@ -39,7 +39,7 @@ _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",
 __all__ = ["UserError", "oil_at_rest", "open_run", "plan_fill", "run"]
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     if name not in _LIBRARY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_LIBRARY[name]), name)

@@ -23,6 +23,7 @@ from pipeline.scenes.threads import chosen_threads
 from pipeline.simulation.runner import Runner, restore
 from pipeline.simulation.solver_setup import build_solver, frame_of
 
+FOR_DIGESTS = "beside pipeline.advice.report"  # what is printed first changes no frame
 PACE_AFTER = 60.0  # s of steps after which it is known how long the rest takes
 WARM_UP = 2  # steps at the start of a process, in which kernels are compiled: their time is no cost of an effect
 

@@ -15,9 +15,9 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
-from pipeline.study_kit.model import Outcome
-from pipeline.study_kit.plan import Case, Study, load_study, study_names
-from pipeline.study_kit.report import OUTPUTS, write_study
+from pipeline.studies.model import Outcome
+from pipeline.studies.plan import Case, Study, load_study, study_names
+from pipeline.studies.report import OUTPUTS, write_study
 
 
 def precision_of(case: Case) -> str:

@@ -8,9 +8,9 @@ import argparse
 from pathlib import Path
 
 from pipeline.base.cli import run
-from pipeline.study_kit.model import Outcome
-from pipeline.study_kit.plan import load_study
-from pipeline.study_kit.report import OUTPUTS, SO_FAR, outcomes_so_far, write_study
+from pipeline.studies.model import Outcome
+from pipeline.studies.plan import load_study
+from pipeline.studies.report import OUTPUTS, SO_FAR, outcomes_so_far, write_study
 
 
 def main() -> None:

@@ -19,7 +19,8 @@ _held: list[int] = []  # locks of the core that this process keeps to
 def available_cores() -> int:
     """Return the cores that this process may use: those it is bound to, or fewer where its container grants fewer."""
     granted = granted_cores()
-    bound = len(os.sched_getaffinity(0))
+    bindable = hasattr(os, "sched_getaffinity")  # not on macOS
+    bound = len(os.sched_getaffinity(0)) if bindable else os.cpu_count() or 1
     return bound if math.isinf(granted) else max(1, min(bound, math.ceil(granted)))
 
 

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
+from helpers import forked
 
 ROOT = Path(__file__).parents[1]
 # Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
@@ -20,29 +20,29 @@ COMPILED = ROOT / ".pytest_cache" / "taichi"
 os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
 os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
-LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "forecast", "study_kit")
+LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "stages")
 
 
-NOT_FOUND = pytest.StashKey[list[str]]()  # lines of thorough.txt that name no test
-
-
-def thorough() -> set[str]:
-    """Return the tests of thorough.txt, each as ``file::name`` or, one of several, ``file::name[case]``."""
-    lines = (ROOT / "tests" / "thorough.txt").read_text(encoding="utf-8").splitlines()
-    return {line for line in lines if line and not line.startswith("#")}
+# Where all tests are collected:
+NOT_FOUND = pytest.StashKey[list[str]]()  # cases that a marker names and no test has
+SHORT = pytest.StashKey[set[str]]()  # names of the tests of `./run test`, with their parameters
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m is looked at
 def pytest_collection_modifyitems(config, items):
-    """Mark the tests of thorough.txt, and take the rooms with long tests first."""
-    listed = thorough()
-    found = set()
+    """Mark the cases that `thorough_cases` names as thorough, and take the rooms with long tests first."""
+    named, found = set(), set()
     for item in items:
-        if names := {item.nodeid, item.nodeid.partition("[")[0]} & listed:
-            item.add_marker(pytest.mark.thorough)
-            found |= names
+        for marker in item.iter_markers("thorough_cases"):
+            test, case = item.nodeid.partition("[")[0], item.callspec.id
+            named |= {(test, name) for name in marker.args}
+            if case in marker.args:
+                item.add_marker(pytest.mark.thorough)
+                found.add((test, case))
     if config.args_source is config.ArgsSource.TESTPATHS:  # all tests are here
-        config.stash[NOT_FOUND] = sorted(listed - found)
+        config.stash[NOT_FOUND] = sorted(f"{test}[{case}]" for test, case in named - found)
+        config.stash[SHORT] = {item.name for item in items
+                               if not any(map(item.get_closest_marker, ("thorough", "slow")))}
 
     def place(item) -> int:
         room = item.nodeid.removeprefix("tests/").partition("/")[0]
@@ -76,7 +76,7 @@ def taichi():
 @pytest.fixture
 def nothing_planned() -> Iterator[None]:
     """Let no study be known from the folder of another test: a process keeps what it has read."""
-    from pipeline.study_kit import plan
+    from pipeline.studies import plan
 
     kept = plan.cached_study, plan.cached_scene, plan.project_materials, plan._scene_text, plan._code_digest
     for one in kept:
@@ -119,7 +119,7 @@ def hear_interrupts() -> None:
 class Project:
     """A copy of the project: its own configuration and outputs, the code itself linked."""
 
-    LINKED = ("pipeline", "sim", "docs")
+    LINKED = ("pipeline", "sim", "studies", "docs")
     COPIED = ("config", "profiles", "rules", "Snakefile")
 
     def __init__(self, folder: Path):
@@ -171,7 +171,7 @@ def project(tmp_path) -> Project:
 @pytest.fixture(scope="session")
 def circle() -> dict[str, np.ndarray]:
     """Return the arrays of a packed circle of ten spacings."""
-    from cavities import RADIUS, cavity
+    from helpers.cavities import RADIUS, cavity
 
     from sim.runtime import initialize
 
@@ -180,7 +180,7 @@ def circle() -> dict[str, np.ndarray]:
 
 
 def _bare():
-    from cavities import RADIUS, build, cavity
+    from helpers.cavities import RADIUS, build, cavity
 
     solver = build(cavity("circle", RADIUS))
     return solver, solver.state()
@@ -189,7 +189,7 @@ def _bare():
 @pytest.fixture
 def bare(taichi):
     """Return a solver without any effect in the circle, and its state at rest."""
-    from cavities import shared
+    from helpers.cavities import shared
 
     return shared(_bare)
 
@@ -202,8 +202,8 @@ def elsewhere(circle, tmp_path_factory):
 
     def advanced(precision: str, threads: int, case: str) -> dict[str, np.ndarray]:
         target = folder / f"{precision}_{threads}_{case}.npz"
-        subprocess.run([sys.executable, "tests/cavities.py", precision, str(threads), folder / "circle.npz", target,
-                        case], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+        subprocess.run([sys.executable, "-m", "helpers.cavities", precision, str(threads), folder / "circle.npz",
+                        target, case], cwd=ROOT / "tests", env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
         return dict(np.load(target))
 
     return advanced

@@ -24,7 +24,7 @@ from fault_table import FAULTS, Fault
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "planted_faults.md"
-PACKAGES = ("sim", "pipeline")
+PACKAGES = ("sim", "pipeline", "studies")
 TIMEOUT = 300.0  # s, for the test of one fault
 # A fault that does not compile, or names what is not there, shows nothing.
 BROKEN = ("collection failure", "SyntaxError", "CompilationError", "NameError", "ImportError", "ModuleNotFoundError",

@@ -18,7 +18,8 @@ from sim.schemes import REGISTRY as SCHEMES
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
 METHODS = ROOT / "docs" / "methods"
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
-FOLDERS = ("sim", "pipeline", "tests", "benchmarks", "config", "rules", "docs", "profiles")
+FOLDERS = ("sim", "pipeline", "studies", "tests", "benchmarks", "config", "rules", "docs", "profiles")
+CODE = ("sim", "pipeline", "studies")
 KINDS = {".py", ".yaml", ".json", ".smk", ".md", ".rst"}
 HEADINGS = ["What it does", "Equations", "Source", "What differs, and why", "Validated by"]
 
@@ -39,7 +40,8 @@ def files() -> tuple[Path, ...]:
     """Text files of the project, this one left out, which holds examples of what it looks for."""
     found = [path for path in ROOT.iterdir() if path.suffix == ".md" or path.name == "Snakefile"]
     for folder in FOLDERS:
-        found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS and ".venv" not in path.parts]
+        found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS
+                  and not {".venv", "_build"} & set(path.parts)]
     return tuple(sorted(path for path in found if path != Path(__file__)))
 
 
@@ -94,9 +96,9 @@ def equations() -> dict[str, str]:
 
 @cache
 def code_names() -> frozenset[str]:
-    """Every name in `sim` and `pipeline`, fields and keys that are strings among them."""
+    """Every name in the code, fields and keys that are strings among them."""
     names = set()
-    for folder in ("sim", "pipeline"):
+    for folder in CODE:
         for path in (ROOT / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text())):
                 names |= {value for value in (getattr(node, "id", None), getattr(node, "attr", None),
@@ -114,6 +116,7 @@ def place(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+@pytest.mark.thorough
 def test_citations_are_in_the_bibliography():
     wrong = []
     for path in files():
@@ -124,6 +127,7 @@ def test_citations_are_in_the_bibliography():
     assert wrong == []
 
 
+@pytest.mark.thorough
 def test_authors_with_a_year_are_in_the_bibliography():
     known = {(name, year) for names, year in bibliography().values() for name in names}
     wrong = [f"{place(path)}: {name} {year}" for path in files() for name, year in YEARS.findall(words(path))
@@ -160,7 +164,7 @@ def test_equations_have_numbers_of_their_own():
 def test_equations_that_are_cited_exist_on_the_page_that_is_named():
     wrong = []
     for path in files():
-        if path.suffix == ".py" and path.parts[len(ROOT.parts)] in ("sim", "pipeline"):
+        if path.suffix == ".py" and path.parts[len(ROOT.parts)] in CODE:
             text = words(path)
             wrong += [f"{place(path)}: ({number})" for number in EQUATION.findall(text)
                       if number not in equations() or f"docs/methods/{equations()[number]}.md" not in text]
@@ -222,6 +226,7 @@ def code_column(text: str) -> list[str]:
     return names
 
 
+@pytest.mark.thorough_cases("cohesion", "collision")
 @pytest.mark.parametrize("name", [*pages(), "README"])
 def test_names_in_tables_exist(name):
     assert [one for one in code_column((METHODS / f"{name}.md").read_text()) if one not in code_names()] == []

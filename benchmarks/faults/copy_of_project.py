@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-LINKED, COPIED = ("pipeline", "sim", "docs"), ("config", "profiles", "rules", "Snakefile")
+LINKED, COPIED = ("pipeline", "sim", "studies", "docs"), ("config", "profiles", "rules", "Snakefile")
 SCENE = "tiny"
 # What tells times of this computer, or its own path; everything else is the same in every run.
 WITH_CLOCKS = ("costs", "logs", "estimate.html", "estimate.json", "cost.html", "effects.html", "effects.csv",

@@ -28,7 +28,7 @@ import trimesh
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from synthetic_frames import make_frame  # noqa: E402
+from helpers.synthetic_frames import make_frame  # noqa: E402
 
 from pipeline.base.checksum import LENGTH, append_checksum  # noqa: E402
 from pipeline.base.errors import UserError  # noqa: E402

@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from synthetic_frames import make_frame  # noqa: E402
+from helpers.synthetic_frames import make_frame  # noqa: E402
 
 from pipeline.base import files  # noqa: E402
 from pipeline.base.checksum import check  # noqa: E402

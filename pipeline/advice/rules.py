@@ -10,6 +10,7 @@ from pipeline.scenes.reader import dotted
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "all effects speak"
 ADVISED = {name for name, effect in REGISTRY.items() if effect.overrides("advice")}
 
 

@@ -11,6 +11,7 @@ from pipeline.base.home import stand_in_for_home
 from pipeline.base.memory import FAILED, end_in_sentence, sentence_of
 from pipeline.base.usage import write_if_asked
 
+FOR_DIGESTS = "no influence"
 WRONG_INPUT = 2
 INTERRUPTED = 130
 

@@ -1,5 +1,7 @@
 """The error that is meant for the user."""
 
+FOR_DIGESTS = "no influence"
+
 
 class UserError(Exception):
     """Something the user can put right: wrong input, a missing file, an impossible request.

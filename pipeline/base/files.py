@@ -95,8 +95,19 @@ def remove_left_over(folder: str | Path) -> None:
     """Remove what killed processes left half written anywhere below ``folder``; that of living ones stays."""
     for path in list(Path(folder).rglob(".*")):
         match = TEMPORARY.fullmatch(path.name)
-        if match and not Path(f"/proc/{match[1]}").exists():
+        if match and not _lives(int(match[1])):
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    """Whether there is a process of a number, be it of another user."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from tqdm import tqdm
 
+FOR_DIGESTS = "no influence"
 SECONDS_BETWEEN_LINES = 10.0
 
 

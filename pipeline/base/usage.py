@@ -28,10 +28,19 @@ _frames: list[dict[str, float]] = []  # what this process had taken when it had 
 def usage() -> dict[str, float]:
     """Return what this process has taken since its start: wall, cpu (s) and memory (bytes, the largest)."""
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    ticks = float(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
     cpu = sum(one.ru_utime + one.ru_stime for one in (own, children))
-    wall = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
-    return {"wall": at_least(wall, cpu), "cpu": cpu, "memory": 1024.0 * max(own.ru_maxrss, children.ru_maxrss)}
+    unit = 1.0 if sys.platform == "darwin" else 1024.0  # of ru_maxrss
+    return {"wall": at_least(_since_start(), cpu), "cpu": cpu, "memory": unit * max(own.ru_maxrss, children.ru_maxrss)}
+
+
+def _since_start() -> float:
+    """Seconds since this process has started, by a clock that nobody sets where the system (Linux) has one."""
+    if sys.platform == "linux":
+        ticks = float(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    import psutil  # which Snakemake brings
+
+    return time.time() - psutil.Process().create_time()
 
 
 def at_least(wall: float, cpu: float) -> float:

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.base.computer import processor
 from pipeline.base.digest import call_digest
 from pipeline.base.errors import UserError
 from pipeline.base.files import size_of, write_text
@@ -39,10 +40,8 @@ def computer() -> str:
     """Return the processor, its cores, and the versions that decide how fast it is."""
     import taichi
 
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
     versions = f"Python {platform.python_version()}, Taichi {'.'.join(map(str, taichi.__version__))}"
-    return f"{model or platform.processor() or platform.machine()}, {available_cores()} cores, {versions}"
+    return f"{processor()}, {available_cores()} cores, {versions}"
 
 
 def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:

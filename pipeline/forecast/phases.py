@@ -16,6 +16,8 @@ from pipeline.scenes.model import Initial, Scene
 from pipeline.simulation.solver_setup import initial_phases
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "runs effects"
+
 
 @dataclasses.dataclass(frozen=True)
 class Phase:

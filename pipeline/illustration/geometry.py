@@ -10,6 +10,7 @@ from pipeline.illustration.anatomy import MM, Anatomy, Level, in_meridian, in_mm
 from pipeline.pictures.anterior_segment import ANGLE, CHOROID_END
 
 PLANE_CELL = 0.1            # mm, of the plane of the cut
+NEAR_LINE = 2.5             # cells of the plane from the line of the oil, within which its distance is exact
 SHELL_CELL = 0.4            # mm, of the grid on which the outside of the eye is found
 TURNS = 288                 # steps of half a turn about the optic axis, several of every process
 PROCESSES = 36              # of the ciliary body in half a turn
@@ -80,6 +81,7 @@ class Opening:
                               j_size=2.0 * bounds, i_resolution=count, j_resolution=count).triangulate()
         plane.clear_data()
         self.plane, self.points, self.across = plane, np.asarray(plane.points, float), across
+        self.shape = count + 1, count + 1
 
     @property
     def middle(self) -> float:
@@ -340,16 +342,24 @@ def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_ou
 def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
     """Signed distance (n,), mm, of points of the plane to a closed surface, negative inside; far where not asked.
 
+    It is exact near the surface, elsewhere right to about the distance of the points.
     A surface that was pushed into the wall crosses itself at edges, and there the nearest triangle may be turned round:
     what is inside is found by how often rays cross the surface.
     """
     import pyvista
+    from scipy.ndimage import distance_transform_edt
 
-    level = np.full(len(opening.points), 1e3)
-    found = pyvista.PolyData(opening.points[where]).compute_implicit_distance(mesh)
-    enclosed = found.select_interior_points(mesh, method="cell_locator", check_surface=False)
-    sign = np.where(enclosed.point_data["selected_points"], -1.0, 1.0)
-    level[where] = sign * np.abs(found.point_data["implicit_distance"])
+    inside, level = np.zeros(len(opening.points), bool), np.full(len(opening.points), 1e3)
+    asked = pyvista.PolyData(opening.points[where])
+    inside[where] = asked.select_interior_points(mesh, method="cell_locator", check_surface=False)["selected_points"]
+    if not inside.any():
+        return level
+    square = inside.reshape(opening.shape)
+    rough = PLANE_CELL * (distance_transform_edt(~square) - distance_transform_edt(square)).ravel()
+    level[where] = rough[where]
+    near = where & (np.abs(rough) < NEAR_LINE * PLANE_CELL)
+    found = pyvista.PolyData(opening.points[near]).compute_implicit_distance(mesh)["implicit_distance"]
+    level[near] = np.where(inside[near], -1.0, 1.0) * np.abs(found)
     return level
 
 

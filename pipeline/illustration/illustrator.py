@@ -55,6 +55,7 @@ class Illustrator:
         segment = self.anatomy.segment
         back, front = points[:, 2].min(), points[:, 2].max() if segment is None else segment.apex
         self.middle = MM * np.array([0.0, 0.0, 0.5 * (back + front)])
+        self.extent = MM * max(front - back, 2.0 * float(np.abs(points[:, :2]).max()))
         self.toward = view_of(gravity, self.right_eye, self.middle).toward
         self.opening = Opening(self.toward, MM * max(REACH, 1.15 * float(np.abs(points).max()) + 2e-3))
         self.disc = disc_direction(globe, self.right_eye)
@@ -78,8 +79,8 @@ class Illustrator:
 
         oil = pyvista.merge(list(surfaces.values()), merge_points=False) if len(surfaces) > 1 else \
             next(iter(surfaces.values()), pyvista.PolyData())
-        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle), toward=self.toward,
-                                   swing=swing)
+        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle, self.extent),
+                                   toward=self.toward, swing=swing)
         liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3,
                              self.look.whole)
         if self._tracer is not None:

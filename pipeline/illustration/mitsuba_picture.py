@@ -4,7 +4,9 @@ The interface and the faces of the cut do not refract: with the true indices the
 lamps are sampled straight through them, so that few paths are enough.
 Equations: docs/methods/pictures.md.
 """
+import tempfile
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
@@ -16,8 +18,10 @@ from pipeline.illustration.view import ANGLE, View
 CLEAR = ("glass", "oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
 OIL_INDEX, CORNEA_INDEX = 1.404, 1.376
 DEPTH, GUIDE_PATHS = 32, 4
+BRIGHTNESS = 0.28               # 0.18 over the usual light; the denoiser's own guess depends on the threads
+BLOCK = 32                      # pixels: noise is drawn by blocks, whose size would else depend on the threads
 CLAMP, CLAMP_AT = 6.0, 99.9     # paths brighter than so many times this percentile of the picture are noise
-SKY_SIZE = (512, 256)
+SKY_SIZE = (256, 128)
 TABLE_RADIUS = 2000.0           # mm: its edge is beyond the picture
 TABLE_NEAR, TABLE_FAR, TABLE_FADE = (0.84, 0.86, 0.89), (0.62, 0.68, 0.76), 150.0     # mm
 EXPOSURE, WHITE = 1.5, 2.6     # light that is shown as 1 before, and as white after, the curve (Z6)
@@ -57,11 +61,12 @@ class Tracer:
 
         mitsuba.set_variant("scalar_rgb")
         drjit.set_thread_count(threads or library_threads())
-        self.mitsuba, self.size, self.samples = mitsuba, size, samples
-        self._builder = _Builder(mitsuba, look, textures)
+        self.mitsuba, self.size, self.samples, self.look = mitsuba, size, samples, look
+        self._folder = tempfile.TemporaryDirectory(prefix="illustration_")
+        self._builder = _Builder(mitsuba, look, textures, Path(self._folder.name))
         fixed = list(fixed)
-        self._opaque = [self._builder.shape(part) for part in fixed if part.name not in CLEAR]
-        self._clear = [self._builder.shape(part) for part in fixed if part.name in CLEAR]
+        self._opaque = self._builder.shapes("opaque", [part for part in fixed if part.name not in CLEAR])
+        self._clear = self._builder.shapes("clear", [part for part in fixed if part.name in CLEAR])
         self._seen: tuple = ()
         self._guides: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -77,23 +82,23 @@ class Tracer:
 
         sensor = _sensor(self.mitsuba, view, self.size)
         around = {"sky": _sky(self.mitsuba, view), "table": _table(self.mitsuba, view, table)}
-        changing = [self._builder.shape(part) for part in parts]
-        light = self._render("volpath", {"max_depth": DEPTH}, [*self._opaque, *self._clear, *changing], around, sensor,
+        shapes = self._opaque | self._clear | self._builder.shapes("changing", parts)
+        light = self._render("volpath", {"max_depth": DEPTH}, shapes, around | self._builder.media, sensor,
                              self.samples)[..., :3]
         light = np.ascontiguousarray(np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT)), np.float32)
-        if self._builder.look.noise > 1:
-            return np.asarray(mitsuba_oidn.denoise(light, hdr=True))
+        if self.look.noise > 1:
+            return np.asarray(mitsuba_oidn.denoise(light, hdr=True, input_scale=BRIGHTNESS))
         seen = (*view.camera, *view.up, table)
         if self._guides is None or seen != self._seen:
             found = self._render("aov", {"aovs": "albedo:albedo,normal:sh_normal"}, self._opaque, around, sensor,
                                  GUIDE_PATHS)
             albedo, normal = (np.ascontiguousarray(found[..., k:k + 3], np.float32) for k in (0, 3))
             self._seen, self._guides = seen, (np.clip(albedo, 0.0, 1.0), normal)
-        return np.asarray(mitsuba_oidn.denoise(light, *self._guides, hdr=True))
+        return np.asarray(mitsuba_oidn.denoise(light, *self._guides, hdr=True, input_scale=BRIGHTNESS))
 
-    def _render(self, kind: str, options: dict, shapes: list, around: dict, sensor, samples: int) -> np.ndarray:
-        scene = self.mitsuba.load_dict({"type": "scene", "integrator": {"type": kind, **options}, **around,
-                                        **{f"part_{k}": shape for k, shape in enumerate(shapes)}})
+    def _render(self, kind: str, options: dict, shapes: dict, around: dict, sensor, samples: int) -> np.ndarray:
+        scene = self.mitsuba.load_dict({"type": "scene", "integrator": {"type": kind, "block_size": BLOCK, **options},
+                                        **around, **shapes})
         return np.array(self.mitsuba.render(scene, sensor=sensor, spp=samples, seed=1))
 
 
@@ -109,35 +114,39 @@ def developed(light: np.ndarray) -> np.ndarray:
 
 
 class _Builder:
-    """Shapes of Mitsuba."""
+    """Descriptions of shapes for Mitsuba.
 
-    def __init__(self, mitsuba, look: Look, textures: dict[str, np.ndarray]):
-        self.mitsuba, self.look = mitsuba, look
-        self.textures = {name: mitsuba.load_dict({
-            "type": "bitmap", "bitmap": mitsuba.Bitmap(np.ascontiguousarray(data, np.float32)), "raw": True})
-            for name, data in textures.items()}
-        self.media = {name: mitsuba.load_dict({  # (Z5)
-            "type": "homogeneous", "sigma_t": medium.density, "albedo": {"type": "rgb", "value": list(medium.albedo)}})
+    It makes the objects of them itself: one that Python has held is counted under Python's lock at every turn of a
+    path, so that threads would wait for each other.
+    """
+
+    def __init__(self, mitsuba, look: Look, textures: dict[str, np.ndarray], folder: Path):
+        self.look, self.folder = look, folder
+        self.textures = {name: {"type": "bitmap", "raw": True,
+                                "bitmap": mitsuba.Bitmap(np.ascontiguousarray(data, np.float32))}
+                         for name, data in textures.items()}
+        self.media = {name: {  # (Z5)
+            "type": "homogeneous", "sigma_t": medium.density, "albedo": {"type": "rgb", "value": list(medium.albedo)}}
             for name, medium in look.media.items()}
 
-    def shape(self, part: Part):
+    def shapes(self, kind: str, parts: Iterable[Part]) -> dict[str, dict]:
+        """Meshes of parts by a name of each, for its file too; several parts of one kind may be of one tissue."""
+        return {name: self._shape(part, self.folder / f"{name}.ply")
+                for name, part in ((f"{kind}_{k}", part) for k, part in enumerate(parts))}
+
+    def _shape(self, part: Part, path: Path) -> dict:
         """Mesh of a part with its material, and the liquids on either side."""
-        mitsuba = self.mitsuba
-        properties = mitsuba.Properties()
-        properties["bsdf"] = mitsuba.load_dict(self._material(part))
-        for side, name in self._sides(part.name).items():
-            properties[side] = self.media[name]
-        mesh = mitsuba.Mesh(part.name, len(part.points), len(part.triangles), props=properties,
-                            has_vertex_normals=part.normals is not None, has_vertex_texcoords=part.places is not None)
-        fields = mitsuba.traverse(mesh)
-        fields["vertex_positions"] = np.ravel(part.points).astype(np.float32)
-        fields["faces"] = np.ravel(part.triangles).astype(np.uint32)
+        import meshio
+
+        data: dict[str, np.ndarray] = {}
         if part.normals is not None:
-            fields["vertex_normals"] = np.ravel(part.normals).astype(np.float32)
+            data |= zip(("nx", "ny", "nz"), part.normals.T.astype(np.float32), strict=True)
         if part.places is not None:
-            fields["vertex_texcoords"] = np.ravel(part.places).astype(np.float32)
-        fields.update()
-        return mesh
+            data |= zip("uv", part.places.T.astype(np.float32), strict=True)
+        meshio.Mesh(part.points.astype(np.float32), [("triangle", part.triangles.astype(np.int32))],
+                    point_data=data).write(path)
+        return {"type": "ply", "filename": str(path), "bsdf": self._material(part),
+                **{side: {"type": "ref", "id": name} for side, name in self._sides(part.name).items()}}
 
     def _sides(self, name: str) -> dict[str, str]:
         return {"glass": {"interior": "oil"}, "interface": {"interior": "oil", "exterior": "aqueous"},

@@ -33,7 +33,7 @@ def draw(parts: Iterable[Part], look: Look, textures: dict[str, np.ndarray], vie
                                         intensity=strength, light_type="scene light"))
     plotter.camera_position = [view.camera, view.middle, axes[1]]
     plotter.camera.view_angle = float(np.degrees(ANGLE))
-    plotter.camera.clipping_range = (20.0, 300.0)
+    plotter.camera.clipping_range = (20.0, 400.0)
     plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
     plotter.disable_anti_aliasing()
     pixels = plotter.screenshot(None, return_img=True)[..., :3]

@@ -3,7 +3,8 @@ import dataclasses
 
 import numpy as np
 
-DISTANCE, ANGLE = 96.0, np.radians(16.4)        # mm to the middle of the eye; height of the picture
+DISTANCE, ANGLE = 96.0, np.radians(16.4)        # mm to the middle of an eye of usual size; height of the picture
+USUAL = 25.5                                    # mm: longer eyes are seen from farther, so that names find room
 FORWARD, ABOVE = 0.30, 0.26                     # of the camera, in parts of its distance to the opened side
 LYING = 0.7                                     # component of "up" along x from which on a patient lies on a side
 
@@ -18,12 +19,14 @@ class View:
     toward : (3,) unit vector toward the half that is taken away, along x or y.
     middle : (3,) mm, the point in the middle of the picture.
     swing : how far the camera has gone around ``up``, counterclockwise from above, rad.
+    distance : mm from the middle to the camera.
     """
 
     up: np.ndarray
     toward: np.ndarray
     middle: np.ndarray
     swing: float = 0.0
+    distance: float = DISTANCE
 
     @property
     def axes(self) -> np.ndarray:
@@ -41,7 +44,7 @@ class View:
     @property
     def camera(self) -> np.ndarray:
         """Place (3,) of the camera, mm."""
-        return self.middle + DISTANCE * self.axes[2]
+        return self.middle + self.distance * self.axes[2]
 
     def pixel(self, points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """Place (..., 2) in a picture of points (..., 3) in mm, in pixels from the top left."""
@@ -56,12 +59,13 @@ def up_in(gravity: np.ndarray) -> np.ndarray:
     return -np.asarray(gravity, float) / strength if strength else np.array([0.0, 1.0, 0.0])
 
 
-def view_of(gravity: np.ndarray, right_eye: bool, middle: np.ndarray) -> View:
-    """The view of an eye under gravity (3,).
+def view_of(gravity: np.ndarray, right_eye: bool, middle: np.ndarray, extent: float = 0.0) -> View:
+    """The view of an eye under gravity (3,), whose largest extent is ``extent`` in mm.
 
     The eye is opened along its sagittal plane, the temporal half is taken away, so that the optic disc is seen; where
     the patient lies on a side it is opened along its horizontal plane.
     """
     up = up_in(gravity)
     temporal = np.array([-1.0 if right_eye else 1.0, 0.0, 0.0])
-    return View(up, np.array([0.0, 1.0, 0.0]) if abs(up[0]) > LYING else temporal, np.asarray(middle, float))
+    return View(up, np.array([0.0, 1.0, 0.0]) if abs(up[0]) > LYING else temporal, np.asarray(middle, float),
+                distance=DISTANCE * max(1.0, extent / USUAL))

@@ -12,18 +12,27 @@ from pipeline.scenes.reader import nearest
 
 
 class MetricsTable(Mapping[str, np.ndarray]):
-    """Column -> (frames,) float64, NaN where nothing was measured.
+    """A mapping of columns: name -> (frames,) float64, NaN where nothing was measured; a notebook shows it as a table.
 
     A column is asked for with its unit, "retina_coverage_whole [%]", or without. ``pandas.DataFrame(table)`` works.
 
     Parameters
     ----------
-    columns : the table of the run.
-    metrics : what they mean.
+    columns : the columns by name, with units.
+    metrics : what the columns mean.
 
     Attributes
     ----------
-    metrics : the same.
+    metrics : what the columns mean, a :class:`Metric` for one or several of them.
+
+    Examples
+    --------
+    >>> table = MetricsTable({"frame": np.arange(2.0), "time [s]": np.array([0.0, 0.5]),
+    ...                       "fill [%]": np.array([85.0, 85.1])}, [])
+    >>> table
+    <2 frames, 0 to 0.5 s: frame, time, fill>
+    >>> f"{table['fill'].max()} {table.unit('fill')}"
+    '85.1 %'
     """
 
     def __init__(self, columns: Mapping[str, np.ndarray], metrics: Sequence[Metric]):

@@ -1,6 +1,7 @@
 """Oil at rest in an eye, as a function: its shape, what it touches, a map of the fundus. No particle is simulated."""
 import dataclasses
 import functools
+import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +29,15 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class OilAtRest:
-    """Oil at rest; in a notebook what it touches, as map and table.
+    """Oil at rest in an eye; a notebook shows what it touches, as map and table.
 
     Attributes
     ----------
-    oil, posture : names. fill : share of the cavity. eye : which one.
-    rest : the shape.
+    oil : name of the liquid.
+    fill : share of the cavity that is oil, between 0 and 1.
+    posture : name of the posture.
+    eye : the eye, in SI units.
+    rest : the minimum-energy shape, with its pressure and its contact line.
     """
 
     oil: str
@@ -44,7 +48,7 @@ class OilAtRest:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Covered shares of the wall and of the parts of the retina, between 0 and 1."""
+        """Covered shares, between 0 and 1: "wall", "retina", its halves and quadrants, and "macula"."""
         return shares(Contact.of(self.rest))
 
     @property
@@ -70,9 +74,11 @@ class OilAtRest:
         return pyvista.PolyData.from_regular_faces(points, self.rest.cavity.faces)
 
     def _repr_html_(self) -> str:
+        png = io.BytesIO()
+        self.map.save(png, "png")
         title = f"{self.oil}, {percent(self.fill, 1)} of the cavity, {self.posture.replace('_', ' ')}"
         rows = [(name.replace("_", " "), percent(share)) for name, share in self.shares.items()]
-        return str(Markup("\n").join([Markup("<h3>{}</h3>").format(title), page.picture(self.map._repr_png_(), title),
+        return str(Markup("\n").join([Markup("<h3>{}</h3>").format(title), page.picture(png.getvalue(), title),
                                       page.table(("part", "under oil"), rows), page.paragraph(NO_ADVICE)]))
 
     def __repr__(self) -> str:
@@ -83,17 +89,33 @@ class OilAtRest:
 def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, posture: str = "upright", *,
                 eye: Mapping[str, Any] | None = None, tension: str | float | None = None,
                 contact_angle: str | float | None = None) -> OilAtRest:
-    """Return oil at rest in an eye: the shape of least energy at exact volume, within seconds.
+    """Find oil at rest in an eye: the shape of least energy at exact volume, within seconds.
+
+    No particle is simulated. Gas is an oil here too. The method is that of docs/methods/equilibrium.md.
 
     Parameters
     ----------
-    oil : liquid of ``config/materials.yaml``. fill : share of the cavity. posture : as in scenes.
+    oil : liquid of ``config/materials.yaml``.
+    fill : share of the cavity that is oil, a number between 0.05 and 0.999 or a text such as "85 %".
+    posture : posture of the patient: "upright", "supine", "prone", "left_side", "right_side" and more.
     eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm"}``; by default the model eye.
-    tension, contact_angle : instead of those in ``config/plan.yaml``; numbers are in SI units.
+    tension : interfacial tension, N/m or a text such as "40 mN/m"; by default that of ``config/plan.yaml``.
+    contact_angle : contact angle through the aqueous, rad or a text such as "18 deg"; by default that of
+        ``config/plan.yaml``, on retina [fawcett1994, abstract].
+
+    Returns
+    -------
+    The shape, with what it touches.
 
     Raises
     ------
-    UserError : with one sentence for every error; or the shape did not come to rest.
+    UserError : an argument is wrong, one sentence for each; or no shape at rest was found.
+
+    Examples
+    --------
+    >>> rest = oil_at_rest("silicone_oil_1000", "85 %", "upright")
+    >>> f"{rest.shares['retina']:.2f}, of the lower half {rest.shares['inferior']:.2f}"
+    '0.68, of the lower half 0.36'
     """
     settings, materials = load_settings()
     changed = {"tension": tension, "contact_angle": contact_angle}

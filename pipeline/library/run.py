@@ -44,28 +44,41 @@ def relative(path: Path) -> Path:
     return Path(os.path.relpath(path))
 
 
-def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None = None, name: str | None = None,
+def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike[str] | None = None, name: str | None = None,
         want: Sequence[str] = (PAGE,), cores: int = 2, device: str | None = None, progress: bool = True,
         **changes: Any) -> "Run":
-    """Run a scene, as ``snakemake outputs/<scene>/<level>/index.html`` does; what is there is not made again.
+    """Run a scene and return its results, as ``snakemake outputs/<scene>/<level>/index.html`` does.
+
+    Files that exist and are up to date are not made again. A run that was interrupted goes on from its last checkpoint.
 
     Parameters
     ----------
-    scene : its name.
-    accuracy : level of ``config/accuracy.yaml``.
-    folder : with ``config`` and ``outputs``; by default that of the process, or one above it that has scenes. Where
-        there are none, ``config`` is copied there.
-    name : of the scene with the changes; by default its name and a digest of them.
+    scene : name of the scene, as ``python -m pipeline.scene --scenes`` lists it.
+    accuracy : level of ``config/accuracy.yaml``: "draft", "standard", "fine" or one of your own.
+    folder : project folder, with ``config`` and ``outputs``; by default the current folder, or the nearest one above it
+        that has scenes. If there are none, ``config`` is copied there.
+    name : name of the scene with the changes; by default the name of the scene and a digest of the changes.
     want : files of the run to make, such as "metrics.csv", or "frames", "surfaces", "images"; by default all.
-    cores : that may be used, as after Snakemake's ``-j``. device : of the solver: cpu, cuda, vulkan.
-    progress : show a bar on standard error.
-    changes : keys of the scene with their values, ``output={"duration": "2 s"}``, or dotted,
-        ``**{"effects.injection.fill": "90 %"}``. Numbers are in SI units, a text carries its unit, None removes what is
-        inherited. The scene is kept as a file in ``config/scenes``.
+    cores : number of cores that may be used, as after Snakemake's ``-j``.
+    device : device of the solver: "cpu", "cuda" or "vulkan"; by default what the scene says.
+    progress : show a progress bar on standard error.
+    **changes : keys of the scene with their values, nested as in ``output={"duration": "2 s"}`` or dotted as in
+        ``**{"effects.injection.fill": "90 %"}``. A number is in SI units, a text carries its unit, and None removes
+        what the scene inherits. The changed scene is kept as a file in ``config/scenes``.
+
+    Returns
+    -------
+    The results, read from the disk when they are asked for.
 
     Raises
     ------
-    UserError : with one sentence for every error of the scene, or of the stages.
+    UserError : the scene has errors, one sentence for each; or a stage failed, with its sentence.
+
+    Examples
+    --------
+    >>> run("tamponade", **{"output.duratoin": "2 s"})  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    pipeline.base.errors.UserError: ...: output.duratoin is not known (did you mean duration?); known here are ...
     """
     if not 1 <= cores <= available_cores():
         raise UserError(f"cores is {cores}, but must be at least 1 and at most {available_cores()}, the cores that "
@@ -76,12 +89,20 @@ def run(scene: str, accuracy: str = "draft", *, folder: str | os.PathLike | None
     return made
 
 
-def open_run(folder: str | os.PathLike) -> "Run":
-    """Return a run that has been made: the results in ``outputs/<scene>/<level>``.
+def open_run(folder: str | os.PathLike[str]) -> "Run":
+    """Open the results of a run in ``outputs/<scene>/<level>``, without running anything.
+
+    Parameters
+    ----------
+    folder : folder of the results. It may have been moved or copied from another computer.
+
+    Returns
+    -------
+    The results, read from the disk when they are asked for.
 
     Raises
     ------
-    UserError : there is none in this folder.
+    UserError : the folder holds no run.
     """
     opened = Run(Path(folder).resolve())
     opened.scene  # noqa: B018 - whether it can be read
@@ -89,13 +110,14 @@ def open_run(folder: str | os.PathLike) -> "Run":
 
 
 class Run:
-    """The results of a run in ``outputs/<scene>/<level>``; in a notebook its numbers and its last picture.
+    """The results of a run in ``outputs/<scene>/<level>``; a notebook shows its numbers and its last picture.
 
-    Nothing is read before it is asked for. Lengths are in m, times in s.
+    Nothing is read before it is asked for. Lengths are in m, times in s. What has not been made yet is a
+    :class:`UserError` that names the call of :meth:`make` that makes it.
 
     Attributes
     ----------
-    folder : of the results.
+    folder : folder of the results.
     """
 
     def __init__(self, folder: Path):
@@ -103,6 +125,13 @@ class Run:
 
     def make(self, *want: str, cores: int = 2, device: str | None = None, progress: bool = True) -> None:
         """Make more files of this run, as :func:`run` does.
+
+        Parameters
+        ----------
+        *want : files, such as "bodies.csv", "film.mp4" or "estimate.html", or "frames", "surfaces", "images".
+        cores : number of cores that may be used.
+        device : device of the solver; by default what the scene says.
+        progress : show a progress bar on standard error.
 
         Raises
         ------
@@ -130,14 +159,14 @@ class Run:
 
     @functools.cached_property
     def metrics(self) -> MetricsTable:
-        """What was measured of every frame."""
+        """What was measured: name -> (frames,) float64; ``run.metrics.unit(name)`` is the unit of a column."""
         for file in ("metrics.csv", "metrics.json"):
             self._made(self.folder / file)
         return MetricsTable(self._files.table, self._files.metrics)
 
     @property
     def frames(self) -> "Frames":
-        """The particles at all times."""
+        """The particles at all times, a sequence of :class:`FrameData`; slices are sequences too."""
         return Frames([frame.particles for frame in self._files.frames])
 
     @property
@@ -151,7 +180,11 @@ class Run:
         return {path.name: path for path in sorted(self.folder.iterdir()) if path.is_file()}
 
     def frame_at(self, time: float) -> int:
-        """Return the frame nearest to a time, s.
+        """Return the number of the frame nearest to a time, counted from 0.
+
+        Parameters
+        ----------
+        time : simulated time, s.
 
         Raises
         ------
@@ -164,25 +197,64 @@ class Run:
         return int(np.abs(times - time).argmin())
 
     def surfaces(self, frame: int = -1) -> dict[str, "pyvista.PolyData"]:
-        """Return the closed surface of every liquid in a frame, counted from 0, or from the end if negative."""
+        """Return the closed surface of every liquid in a frame: name of the liquid -> mesh in m.
+
+        Parameters
+        ----------
+        frame : number of the frame, counted from 0, or from the end if negative.
+
+        Raises
+        ------
+        UserError : there is no such frame, or its surfaces have not been made.
+        """
         saved = self._frame(frame)
         self._made(saved.surfaces)
         return saved.surfaces_of(liquid.name for liquid in self.scene.liquids)
 
     def wall(self, frame: int = -1) -> "pyvista.PolyData":
-        """Return the wall of the eye in a frame: per point what touches it, per triangle the part of the retina."""
+        """Return the wall of the eye in a frame, a mesh in m.
+
+        Its points have ``contact_distance``, m: the distance to the contact line, positive where oil touches. Its
+        triangles have ``region``, the part of the retina as a whole number.
+
+        Parameters
+        ----------
+        frame : number of the frame, counted from 0, or from the end if negative.
+
+        Raises
+        ------
+        UserError : there is no such frame, or its surfaces have not been made.
+        """
         saved = self._frame(frame)
         self._made(saved.surfaces)
         return saved.read_wall()
 
     def picture(self, time: float | None = None) -> Image.Image:
-        """Return the cross-section at the frame nearest to a time, s; the last one by default."""
+        """Return the cross-section at the frame nearest to a time.
+
+        Parameters
+        ----------
+        time : simulated time, s; by default the end.
+
+        Raises
+        ------
+        UserError : the run does not last so long, or its pictures have not been made.
+        """
         saved = self._frame(-1 if time is None else self.frame_at(time))
         with Image.open(self._made(self._files.picture_of(saved))) as file:
             return file.convert("RGB")
 
     def plot(self, name: str = "overview") -> Image.Image:
-        """Return the plot of a metric over time; by default those that matter most, on one sheet."""
+        """Return the plot of a metric over time.
+
+        Parameters
+        ----------
+        name : name of the metric; by default those that matter most, on one sheet.
+
+        Raises
+        ------
+        UserError : there is no such plot.
+        """
         with Image.open(self._made(self.folder / "plots" / f"{name}.png")) as file:
             return file.convert("RGB")
 

@@ -35,6 +35,7 @@ def make(folder: Path, targets: Sequence[str], *, cores: int, device: str | None
     command = snakemake_command(folder, "--nocolor", f"-j{cores}", *targets, *options)
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                                text=True, errors="replace", cwd=folder, start_new_session=True)
+    assert process.stdout is not None  # it is a pipe
     bar = tqdm(total=1, disable=not progress, desc="planning",
                bar_format="{desc}: {percentage:3.0f} %|{bar:20}| {elapsed}{postfix}")
     try:

@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "runs effects"
+
 
 @dataclasses.dataclass(frozen=True)
 class Event:

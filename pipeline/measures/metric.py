@@ -13,6 +13,7 @@ from pipeline.scenes.effects import does, effects_that, knows_films
 from pipeline.scenes.model import Scene
 from sim.effects.effect import MIXES, Effect
 
+FOR_DIGESTS = "runs effects"
 Value = float | dict[str, float]
 LAST = 1000  # place of a metric that tells of the computation rather than of the eye
 

@@ -129,7 +129,9 @@ class FundusMap:
         level = np.full(self.inside.shape, np.nan, np.float32)
         level[self.inside] = distance
         for edge in level_lines(level):
-            pen.line([(x, y) for y, x in (OVERSAMPLING * (edge + 0.5)).tolist()], fill=INK,
+            away = OVERSAMPLING * (edge[:, ::-1] + 0.5) - self.center
+            away *= np.minimum(1.0, self.scale * PARS_PLANA / np.hypot(*away.T))[:, None]      # to the rim, not over it
+            pen.line([tuple(point) for point in (self.center + away).tolist()], fill=INK,
                      width=max(2, round(0.75 * self.unit)), joint="curve")
         self._chart(pen)
         for name, outline in self._outlines.items():

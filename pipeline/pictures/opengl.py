@@ -43,8 +43,9 @@ picture.Update()
 pixel = [picture.GetOutput().GetScalarComponentAsDouble(16, 16, 0, color) for color in range(3)]
 raise SystemExit(0 if pixel == [255.0, 0.0, 0.0] else 3)
 """
-ADVICE = ("no OpenGL to draw with: install it with `apt-get install --no-install-recommends libosmesa6` "
-          "(or `libegl1 libgl1-mesa-dri`)")
+ADVICE = "no OpenGL to draw with: " + (
+    "macOS has it in a session with a screen" if sys.platform == "darwin" else
+    "install it with `apt-get install --no-install-recommends libosmesa6` (or `libegl1 libgl1-mesa-dri`)")
 
 
 def works(window: str | None) -> bool:

@@ -2,7 +2,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from markupsafe import Markup
 
@@ -21,17 +21,19 @@ from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
+Record = TypeVar("Record")
 MAPS = 4    # answers that the page draws
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """The answers to a question, the smallest fill first; in a notebook the best one and a table.
+    """The answers to a question, the smallest fill first; a notebook shows the best one and a table.
 
     Attributes
     ----------
-    question : what was asked. eye : for which eye.
-    answers : one for every density of oil and every posture.
+    question : what was asked, in SI units.
+    eye : the eye that it was asked for.
+    answers : one answer for every density of oil and every posture.
     """
 
     question: Question
@@ -80,21 +82,38 @@ def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", o
               postures: Sequence[str] | None = None, eye: Mapping[str, Any] | None = None,
               tension: str | float | None = None, contact_angle: str | float | None = None,
               largest_fill: str | float | None = None, cache: Path = CACHE) -> Plan:
-    """Return the smallest fills, the oils and the postures that cover a break of the retina, as ``pipeline.plan`` does.
+    """Find the smallest fills, the oils and the postures that cover a break of the retina, as ``pipeline.plan`` does.
+
+    Oil at rest is looked up or computed as the shape of least energy (docs/methods/equilibrium.md). It is an
+    illustration of physics, not for decisions on a patient.
 
     Parameters
     ----------
     place : clock hour and angle from the posterior pole, such as "6h,60deg".
-    size : width in clock hours, height in degrees or mm, or both, such as "2h,15deg".
-    margin : reach of the oil beyond the break; numbers are in SI units here and below.
-    oils, postures : to choose from; by default all of ``config/plan.yaml``.
-    eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm", "lens": "aphakic"}``; else the model eye.
-    tension, contact_angle, largest_fill : instead of those in ``config/plan.yaml``.
-    cache : folder of tables of other eyes, which are kept.
+    size : width in clock hours, height in degrees or mm, or both, such as "2h,15deg" or "3mm".
+    margin : how far the oil must reach beyond the break, m or a text such as "1 mm".
+    oils : liquids to choose from; by default all of ``config/plan.yaml``.
+    postures : postures to choose from; by default all.
+    eye : keys of ``eye`` in a scene, such as ``{"axial_length": "26 mm", "lens": "aphakic"}``; by default the model
+        eye, which is answered at once.
+    tension : interfacial tension, N/m or a text; by default that of ``config/plan.yaml``.
+    contact_angle : contact angle through the aqueous, rad or a text; by default that of ``config/plan.yaml``.
+    largest_fill : share of the cavity above which a break counts as not covered.
+    cache : folder in which tables of other eyes are kept.
+
+    Returns
+    -------
+    The answers, the smallest fill first.
 
     Raises
     ------
-    UserError : with one sentence for every error.
+    UserError : an argument is wrong, one sentence for each.
+
+    Examples
+    --------
+    >>> best = plan_fill("6h,60deg", "2h", oils=["silicone_oil_1000"]).best
+    >>> best.posture, f"{100.0 * best.fill:.0f} %"
+    ('prone', '67 %')
     """
     shape = read_eye(eye or {})
     globe = float(-levels_of(shape)[1][0, 2])
@@ -128,10 +147,10 @@ def read_eye(values: Mapping[str, Any]) -> Eye:
     return read_record(Eye, dict(values))
 
 
-def read_record(kind: type, values: Mapping[str, Any], base: object = None):
+def read_record(kind: type[Record], values: Mapping[str, Any], base: Record | None = None) -> Record:
     """Read values as those of a scene are read; errors name them, and no file."""
     errors = Errors("")
-    record = Reader(errors).record(kind, dict(values), (), base)
+    record: Record = Reader(errors).record(kind, dict(values), (), base)
     if errors.messages:
         raise UserError(*(sentence.removeprefix(": ") for sentence in errors.messages))
     return record

@@ -69,6 +69,7 @@ class Answer:
     Attributes
     ----------
     oils : names; liquids of one density rest alike.
+    posture : name of the posture.
     fill : smallest one that covers the break with its margin; above ``FILLS`` where none does.
     low, high : what it may be with another contact angle, another shape at rest and the error of the shapes; None where
         that is not known.

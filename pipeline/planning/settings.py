@@ -15,6 +15,8 @@ from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS
 from sim.parameters import parameter
 
+FOR_DIGESTS = "runs effects"
+
 
 @dataclasses.dataclass(frozen=True)
 class Settings:

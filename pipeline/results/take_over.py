@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.base.computer import processor
 from pipeline.base.errors import UserError
 from pipeline.base.tables import read_table
 from pipeline.results.tables import Layout, Page, Row
@@ -43,14 +44,12 @@ class Made:
 
 def made(path: Path, version: str, code: str | None = None) -> Made:
     """Return this computer and, where the code is not told, the version with the last commit older than a file."""
-    info = Path("/proc/cpuinfo")
-    names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
     moment = datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat()
     log = subprocess.run(["git", "log", "-1", f"--before={moment}", "--format=%h"], cwd=Path(__file__).parent,
                          capture_output=True, text=True)
     commit = log.stdout.strip() if log.returncode == 0 else ""
     code = code or (f"{version} ({commit})" if commit else version)
-    return Made(f"{names[0] if names else os.uname().machine}, {os.cpu_count()} cores", code)
+    return Made(f"{processor()}, {os.cpu_count()} cores", code)
 
 
 def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version: str,

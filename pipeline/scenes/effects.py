@@ -8,6 +8,7 @@ from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 from sim.effects.effect import MIXES
 
+FOR_DIGESTS = "runs effects"
 SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "runs effects"
 Fill = dict[str, float]
 
 

@@ -23,6 +23,7 @@ from sim.effects import REGISTRY
 from sim.schemes import REGISTRY as SCHEMES
 from sim.settings import Numerics
 
+FOR_DIGESTS = "instead pipeline.scenes.model"  # how a scene was read does not matter beside its values
 TAKEN_OF_LEVELS = ("logs", "all")  # a folder beside those of levels, and what means every level
 PROJECT_CONFIG = (project_around(Path.cwd()) or PROJECT) / "config"  # who works in a folder with one works with that
 

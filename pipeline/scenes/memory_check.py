@@ -6,6 +6,7 @@ from sim.memory import needed_bytes
 from sim.neighbor_rows import HEAD_ROOM
 from sim.settings import Settings
 
+FOR_DIGESTS = "no influence"
 FILLING = 120.0  # bytes per node of the grid of the signed distance while a cavity is filled
 # bytes per cell of the grid on which surfaces are found: sharp ones look at cells near the interface only.
 SURFACE = {"sharp": 7.0, "flying_edges": 110.0, "marching_cubes": 110.0}

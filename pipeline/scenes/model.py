@@ -239,7 +239,11 @@ class Output:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One experiment, ready to run; the order of ``liquids`` gives the phase indices."""
+    """One experiment, ready to run: a scene file with every default filled in, in SI units.
+
+    The fields are the keys of a scene file; the order of ``liquids`` gives the phase indices. ``run.scene`` is one, and
+    so is what ``scene.json`` of a run holds.
+    """
 
     name: str = parameter(meaning="name of the scene, from its file")
     title: str = parameter("", longest=200, meaning="heading of the pictures and of the report")

@@ -12,6 +12,7 @@ from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.model import Scene
 from sim.effects import REGISTRY
 
+FOR_DIGESTS = "runs effects"
 MOST = 12  # spans of one effect; more are told together
 MOST_KEYS = 2  # that are named
 

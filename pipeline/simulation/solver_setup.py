@@ -10,6 +10,8 @@ from pipeline.cavity.blocks import contains
 from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.model import AT_REST, Block, Scene
 
+FOR_DIGESTS = "runs effects"
+
 
 def initial_phases(scene: Scene, position: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Liquid of every particle at t = 0: that of its block, or one liquid, or several at rest or stacked level.

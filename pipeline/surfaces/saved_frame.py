@@ -3,11 +3,15 @@ import dataclasses
 import functools
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData, frames_of, read_frame
 from pipeline.base.sequences import FRAMES_AGAIN, number_of, without_others
 from pipeline.surfaces.surface_files import read_statistics, read_surface, read_surfaces, read_wall, surface_path
+
+if TYPE_CHECKING:
+    import pyvista
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,16 +60,16 @@ class SavedFrame:
         """Return the file of the surface of a liquid."""
         return surface_path(self.surfaces, self.name, liquid)
 
-    def surface(self, liquid: str):
+    def surface(self, liquid: str) -> "pyvista.PolyData":
         """Return the surface of a liquid as pyvista.PolyData in m."""
         return read_surface(self.surface_path(liquid))
 
-    def surfaces_of(self, liquids: Iterable[str]) -> dict:
+    def surfaces_of(self, liquids: Iterable[str]) -> dict[str, "pyvista.PolyData"]:
         """Return the surfaces of liquids, liquid -> pyvista.PolyData in m."""
         return read_surfaces(self.surfaces, self.name, list(liquids))
 
-    def read_wall(self):
-        """Return the wall of an eye, with what touches it, as pyvista.PolyData in m."""
+    def read_wall(self) -> "pyvista.PolyData":
+        """Return the wall of an eye, with what touches it, in m."""
         return read_wall(self.surfaces / f"{self.name}_wall.vtp")
 
 

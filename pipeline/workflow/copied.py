@@ -3,13 +3,12 @@
 Snakemake runs a job again when a file that it reads is newer than one that it has written. After `cp -r` that is a
 matter of chance. Its notes tell the dates that the files had: they are given back, so that nothing is run again.
 """
-import base64
-import binascii
-import json
 import os
 from pathlib import Path
+from typing import Any
 
-NOTES = Path(".snakemake/metadata")
+from pipeline.workflow.notes import NOTES, notes
+
 PLACE = Path(".snakemake/place")  # which folder the dates are known to be right in
 TIMESTAMP = ".snakemake_timestamp"  # what Snakemake takes for the date of a folder
 
@@ -21,21 +20,16 @@ def restore_dates() -> int:
     here = str(NOTES.stat().st_ino)
     if PLACE.is_file() and PLACE.read_text() == here:
         return 0
-    restored = sum(_restored(note) for note in NOTES.rglob("*") if note.is_file())
+    restored = sum(_restored(Path(name), note) for name, note in notes())
     PLACE.write_text(here)
     return restored
 
 
-def _restored(note: Path) -> bool:
+def _restored(path: Path, note: dict[str, Any]) -> bool:
     """Whether a file has got the date of its note, because its own is later."""
-    try:
-        name = "".join(part.removeprefix("@") for part in note.relative_to(NOTES).parts)
-        path = Path(os.fsdecode(base64.urlsafe_b64decode(name)))
-        date = float(json.loads(note.read_text(encoding="utf-8"))["endtime"])
-    except (binascii.Error, ValueError, KeyError, TypeError):
-        return False  # no note that this version of Snakemake would read
+    date = note.get("endtime")
     file = path / TIMESTAMP if (path / TIMESTAMP).is_file() else path
-    if not file.exists() or file.stat().st_mtime <= date:
+    if not date or not file.exists() or file.stat().st_mtime <= date:
         return False
     os.utime(file, (date, date))
     return True

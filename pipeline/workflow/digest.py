@@ -45,7 +45,7 @@ UNREAD = {
               "liquids", "numerics", "dimension", *ENDS, *PLACES,
               *(key for key in PICTURE if key != "output.second_means")),
     "rest": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", *PICTURE, *COLORS, *PLACES),
-    "metrics": (*WORDS, "accuracy", "start_from", "initial", "blocks", "schemes", *ENDS,
+    "metrics": ("label", "accuracy", "start_from", "initial", "blocks", "schemes", *ENDS,
                 *(key for key in PICTURE if key != "output.second_means"), *COLORS),
 }
 

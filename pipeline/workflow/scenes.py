@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
+from pipeline.runs.contents import CRATE
 from pipeline.runs.segments import segments_made, segments_until_rest
 from pipeline.scenes.checks import NAME
 from pipeline.scenes.devices import checked_device, chosen_device
@@ -22,7 +23,7 @@ from pipeline.scenes.reader import describe as shown
 from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, paying_threads, solver_threads
 from pipeline.scenes.yaml_files import scene_files
-from pipeline.study_kit.plan import study_names
+from pipeline.studies.plan import study_names
 from pipeline.workflow.copied import restore_dates
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.memory import memory_of_stage
@@ -33,7 +34,9 @@ OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
 DEVICE = "--config device"
 TEXTS = (".js", ".css", ".html")  # of pages
-WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd")
+WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd",
+          CRATE)
+REQUESTED = ("bodies.csv", "estimate.json", "film.mp4", "frames/frames.pvd", "turntable.mp4")  # made when asked for
 
 
 def stop(*messages: str) -> NoReturn:
@@ -292,6 +295,17 @@ class Workflow:
         """Return the estimate of a scene where somebody has asked for one; it costs as much as many frames."""
         path = OUTPUTS / name / level / "estimate.json"
         return [str(path)] if path.is_file() else []
+
+    def crate_depends(self, wildcards) -> str:
+        """Return a parameter that changes with the code of the crate and with anything in the scene."""
+        scene = self.scene(wildcards.scene, wildcards.level)
+        return f"{stage_digest('crate')} {sha256(scene.to_json().encode())}"
+
+    @staticmethod
+    def requested(wildcards) -> list[str]:
+        """Return a parameter that changes with what is there of a run because somebody has asked for it."""
+        folder = OUTPUTS / wildcards.scene / wildcards.level
+        return [f"{name} {sha256((folder / name).read_bytes())}" for name in REQUESTED if (folder / name).is_file()]
 
     @staticmethod
     def expected_errors() -> str:

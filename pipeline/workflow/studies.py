@@ -1,8 +1,8 @@
 """What the rules of the studies ask: which studies there are, the files of their cases, and what these depend on."""
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
-from pipeline.study_kit.plan import Study, cached_study, study_names
-from pipeline.study_kit.report import SO_FAR, outcomes_so_far, write_study
+from pipeline.studies.plan import Study, cached_study, study_names
+from pipeline.studies.report import SO_FAR, outcomes_so_far, write_study
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.scenes import OUTPUTS, Workflow, stop
 from sim.cores import USEFUL_THREADS, available_cores

@@ -62,6 +62,7 @@ def test_container_gets_what_the_wheel_is_made_of():
     assert all((ROOT / name).exists() for name in kept)
 
 
+@pytest.mark.thorough
 def test_packages_are_told_with_version_and_license(capsys):
     software.main([])
     lines = capsys.readouterr().out.splitlines()
@@ -71,6 +72,7 @@ def test_packages_are_told_with_version_and_license(capsys):
     assert "BSD" in found["numpy"].license and found["pyvista"].license == "MIT"
 
 
+@pytest.mark.thorough
 def test_packages_that_say_nothing_readable_are_told_too(tmp_path, monkeypatch):
     before = packages_digest()
     (tmp_path / "broken-1.0.dist-info").mkdir()

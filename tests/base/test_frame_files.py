@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
-from synthetic_frames import make_frame
+from helpers.synthetic_frames import make_frame
 
 from pipeline import frames as stage
 from pipeline.base import files

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 
+import pytest
 from conftest import ROOT
 
 OWN = ("XDG_CACHE_HOME", "USER", "LOGNAME", "TI_OFFLINE_CACHE_FILE_PATH")
@@ -38,6 +39,7 @@ def test_a_cache_that_can_be_written_stays(tmp_path):
     assert done.stdout.split() == [str(tmp_path / "mine"), "ada"] and (tmp_path / "mine").is_dir()
 
 
+@pytest.mark.thorough
 def test_taichi_runs_without_a_home(tmp_path):
     """It crashed at its end, when it could not keep what it had compiled."""
     done = run_without_home(tmp_path, TAICHI)

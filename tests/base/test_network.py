@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 
+import pytest
 from conftest import ROOT
 
 ASKED = """
@@ -22,6 +23,7 @@ print("started")
 """
 
 
+@pytest.mark.thorough
 def test_nothing_is_asked_of_the_network(tmp_path):
     home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}  # with no note that it has asked today
     kept = {name: value for name, value in os.environ.items() if name != "TI_SKIP_VERSION_CHECK"}

@@ -3,8 +3,8 @@ import shutil
 
 import pytest
 from conftest import ROOT
+from helpers.synthetic_frames import make_frame
 from PIL import Image
-from synthetic_frames import make_frame
 
 from pipeline import bodies, frames, metrics, movie, rest
 from pipeline.base.errors import UserError

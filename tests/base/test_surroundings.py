@@ -84,6 +84,6 @@ def test_the_locale_changes_no_scene(locale):
 
 def test_plots_have_one_owner():
     """Nothing but pipeline/base/canvas.py makes a figure of Matplotlib, whose settings are a user's elsewhere."""
-    found = [path.name for path in (ROOT / "pipeline").rglob("*.py")
+    found = [path.name for room in ("pipeline", "studies") for path in (ROOT / room).rglob("*.py")
              if re.search(r"matplotlib\.figure import|FigureCanvas|pyplot", path.read_text())]
     assert found == ["canvas.py"]

@@ -2,12 +2,12 @@
 import json
 import struct
 
-import forked
 import numpy as np
 import pytest
 import pyvista
 import trimesh
 from conftest import ROOT
+from helpers import forked
 from skimage.measure import marching_cubes
 
 from pipeline.base.errors import UserError

@@ -1,11 +1,11 @@
 """Eyes of patients: buckle, staphyloma, anterior chamber, landmarks of a mesh, and what is refused."""
 import json
 
-import forked
 import numpy as np
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.landmarks import laid
@@ -80,6 +80,7 @@ def _volume_above(mesh: trimesh.Trimesh, height: float) -> float:
     return float((area * np.maximum(z.mean(axis=1) - height, 0.0)).sum())
 
 
+@pytest.mark.thorough
 def test_the_log_tells_the_volume_beside_two_published_ones(tmp_path):
     scene = load_scene(ROOT / "config" / "scenes" / "resting_eye.yaml")
     (tmp_path / "scene.json").write_text(scene.to_json())

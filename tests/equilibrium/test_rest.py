@@ -1,6 +1,7 @@
 """Oil at rest against Young and Laplace's equations in a sphere, and against an independent minimizer in the eye."""
 import numpy as np
 import pytest
+from helpers.cases import thorough
 
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.contact import Contact, shares
@@ -10,7 +11,7 @@ from pipeline.equilibrium.rest import Liquids, at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of, icosphere, parents
 from pipeline.equilibrium.wetting import Wetting
 from pipeline.scenes.model import Eye
-from pipeline.study_kit.young_laplace import oil_at_rest
+from studies.validation.kit.young_laplace import oil_at_rest
 
 RADIUS = 0.011
 UPRIGHT = np.array([0.0, -1.0, 0.0])
@@ -38,6 +39,7 @@ def lowest(rest) -> float:
     return float(rest.surface[rest.cavity.direction[:, 1].argmin(), 1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("angle", [10.0, 18.2, 35.0, 45.0])
 @pytest.mark.parametrize("fill", [0.6, 0.8, 0.95])
 def test_oil_in_a_sphere_has_the_shape_of_young_and_laplace(sphere, fill, angle):
@@ -50,7 +52,7 @@ def test_oil_in_a_sphere_has_the_shape_of_young_and_laplace(sphere, fill, angle)
     assert lowest(rest) == pytest.approx(-abs(exact.apex), abs=0.15e-3)
 
 
-@pytest.mark.parametrize("fill", [0.6, 0.85])
+@pytest.mark.parametrize("fill", [thorough(0.6), 0.85])
 def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
     exact = oil_at_rest(fill, OIL.contact_angle, 35.0 * 9.81 / 0.04, RADIUS, 3)
     rest = at_rest(sphere, OIL, UPRIGHT, fill)
@@ -60,6 +62,7 @@ def test_the_pressure_on_the_axis_is_that_of_the_curvature(sphere, fill):
     assert above == pytest.approx(35.0 * 9.81 * 0.01)
 
 
+@pytest.mark.thorough
 def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.85)
     found = shares(Contact.of(rest))
@@ -68,6 +71,7 @@ def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
     assert Contact.of(rest).arc() == pytest.approx(242.9, abs=3.0)
 
 
+@pytest.mark.thorough
 def test_a_scene_rests_in_a_finer_shape(eye):
     """Measured: 0.1 to 0.4 points off; few directions touch too much."""
     rest = rest_in_eye(Eye(), OIL, UPRIGHT, 0.85)
@@ -77,6 +81,7 @@ def test_a_scene_rests_in_a_finer_shape(eye):
         assert found[name] == pytest.approx(share, abs=0.005), name
 
 
+@pytest.mark.thorough
 def test_the_volume_is_exact_and_no_oil_is_behind_the_wall(eye):
     rest = at_rest(eye, OIL, UPRIGHT, 0.7)
     volume = eye.solid @ rest.distance[eye.faces].prod(axis=1) / 6.0
@@ -84,6 +89,7 @@ def test_the_volume_is_exact_and_no_oil_is_behind_the_wall(eye):
     assert (rest.distance <= eye.radius * (1.0 + 1e-12)).all()
 
 
+@pytest.mark.thorough
 def test_starts_that_differ_end_at_one_shape(eye):
     ends = [at_rest(eye, OIL, UPRIGHT, 0.85, start) for start in (None, eye.radius, 0.5 * eye.radius)]
     for end in ends:
@@ -153,6 +159,7 @@ def test_a_cavity_that_is_not_seen_from_one_point_is_refused():
         StarCavity.of_level(two_balls, np.zeros(3))
 
 
+@pytest.mark.thorough
 def test_a_mesh_of_the_eye_rests_as_the_eye_does(eye, tmp_path):
     from pipeline.cavity.surface import cavity_mesh
 

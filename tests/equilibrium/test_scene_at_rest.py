@@ -14,7 +14,7 @@ from pipeline.scenes.effects import down_at_start
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import AT_REST
 from pipeline.simulation.solver_setup import build_solver, initial_phases
-from pipeline.studies.rest_by_simulation import PARTS, retina_covered
+from studies.validation.rest_by_simulation import PARTS, retina_covered
 
 FILL = 0.85
 
@@ -36,6 +36,7 @@ def in_posture(scene, posture):
     return dataclasses.replace(scene, effects=scene.effects | {"gravity": gravity})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("posture", ["upright", "prone"])
 def test_oil_starts_where_it_rests_in_the_posture_of_the_scene(scene, initial, posture):
     """A shape of least energy, read from particles by the rule of the metrics: 2 points are what particles tell."""
@@ -51,6 +52,7 @@ def test_oil_starts_where_it_rests_in_the_posture_of_the_scene(scene, initial, p
     assert np.mean(flat != phase) > 0.02
 
 
+@pytest.mark.thorough
 def test_oil_at_rest_hardly_moves(taichi, scene):
     """In 40 ms the level oil of the same scene moves more than twice as fast; particles of 1.6 mm tell that too."""
     scene = dataclasses.replace(scene, numerics=dataclasses.replace(scene.numerics, particle_spacing=1.6e-3))
@@ -64,6 +66,7 @@ def test_oil_at_rest_hardly_moves(taichi, scene):
     assert speed[AT_REST] < 0.5 * speed["level"]
 
 
+@pytest.mark.thorough
 def test_a_fill_without_a_shape_is_one_sentence(scene, initial):
     scene = dataclasses.replace(scene, initial=dataclasses.replace(
         scene.initial, fill={"silicone_oil_1000": 0.02, "aqueous": 0.98}))

@@ -6,9 +6,9 @@ import shutil
 import subprocess
 from types import SimpleNamespace
 
-import headless_browser
 import numpy as np
 import pytest
+from helpers import headless_browser
 
 import pipeline
 from pipeline.base.errors import UserError
@@ -90,6 +90,7 @@ def test_at_a_node_is_the_shape_of_the_table(light, chart):
             assert other == pytest.approx(shown if mirror[1] > 0 else shown[[0, 2, 1, 3]], abs=2e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("oil", "fill", "posture", "pitch", "roll"), (
     ("silicone_oil_1000", 0.85, "upright", 0.0, 0.0), ("heavy_oil_densiron_68", 0.75, "left_side", 0.0, -90.0)))
 def test_the_tables_say_what_a_shape_of_its_own_says(chart, oil, fill, posture, pitch, roll):
@@ -122,6 +123,7 @@ def test_the_page_finds_what_is_found_here(light, chart, known, tmp_path):
             assert one[name] == pytest.approx(getattr(here, name), abs=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("place", "posture", "pitch", "roll"), (
     ("6h,60deg", "upright", 0, 0), ("2h,90deg", "left_side", 0, -90), ("9h,40deg", "prone", -90, 0)))
 def test_the_page_finds_the_smallest_fill_of_a_plan(known, tmp_path, place, posture, pitch, roll):
@@ -138,6 +140,7 @@ def test_the_page_finds_the_smallest_fill_of_a_plan(known, tmp_path, place, post
     assert found[1] <= found[0] <= found[2]
 
 
+@pytest.mark.thorough
 def test_links_carry_the_setting_and_bad_ones_give_words(known, tmp_path):
     links = ["", "#fill=72.5&tamponade=heavy&eye=24&side=left&pitch=-45&roll=10&break=2.5,80,2,12", "#fill=120",
              "#tamponade=water", "#eye=31", "#pitch=x&colour=red", "#break=1,2", "#break=6,114,1,20", "#break=none",
@@ -200,6 +203,7 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
     assert look_up(first, np.array([0.0, 1.0, 0.0]), FILLS[0]) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_page_works_in_a_browser(page_file, tmp_path, width):

@@ -1,10 +1,10 @@
 """Memory: what is foretold is what a solver allocates, and a scene that does not fit is refused in one sentence."""
 import gc
 
-import cavities
 import pytest
 import trimesh
 from conftest import ROOT
+from helpers import cavities
 
 from pipeline.base import memory
 from pipeline.base.errors import UserError
@@ -28,6 +28,7 @@ CASES = {
 VALUES = {"interface_tension": {"coefficient": 0.04}, "diffusion": {"coefficient": 1e-6}}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("case", CASES)
 def test_a_solver_allocates_what_is_foretold(anew, case, dimension, monkeypatch):

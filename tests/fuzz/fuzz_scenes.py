@@ -49,8 +49,8 @@ from pipeline.scenes.folders import scene_paths  # noqa: E402
 from pipeline.scenes.load import load_resolved, load_scene  # noqa: E402
 from pipeline.scenes.model import Scene  # noqa: E402
 from pipeline.scenes.reader import MOST_MESSAGES  # noqa: E402
-from pipeline.study_kit.family import family_names  # noqa: E402
-from pipeline.study_kit.plan import load_study  # noqa: E402
+from pipeline.studies.family import family_names  # noqa: E402
+from pipeline.studies.plan import load_study  # noqa: E402
 from pipeline.workflow.digest import UNREAD, _part_read  # noqa: E402
 
 EXAMPLES = 5000

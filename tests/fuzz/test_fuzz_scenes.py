@@ -3,7 +3,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
+
+@pytest.mark.thorough
 def test_spoiled_scenes_are_sentences_or_survive():
     """In a process of its own: it watches what Python does, and how much memory it takes."""
     script = Path(__file__).with_name("fuzz_scenes.py")

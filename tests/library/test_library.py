@@ -50,6 +50,7 @@ def test_project_is_found_from_a_folder_within(scenes, monkeypatch):
     assert project_folder() == scenes.parents[1]
 
 
+@pytest.mark.thorough
 def test_what_was_changed_in_a_folder_counts_there(scenes):
     plan = scenes.parent / "plan.yaml"
     plan.write_text(plan.read_text().replace("largest_fill: 95 %", "largest_fill: 91 %"))
@@ -121,6 +122,7 @@ def test_wrong_arguments_are_one_sentence(scenes, arguments, sentence):
     assert (scenes / "clinic" / "saccades.yaml").read_text() == before
 
 
+@pytest.mark.thorough
 def test_an_error_of_a_stage_is_one_exception_with_its_sentence(scenes):
     folder = scenes.parents[1]
     (folder / "outputs").write_text("a file")
@@ -148,6 +150,7 @@ def test_table_is_asked_with_and_without_units():
         table["sped_rms"]
 
 
+@pytest.mark.thorough
 def test_oil_at_rest_is_a_shape_and_what_it_touches():
     rest = pipeline.oil_at_rest("heavy_oil_densiron_68", "60 %", "upright")
     assert rest.shares["inferior"] > 0.6 and rest.shares["superior"] < 0.2
@@ -177,6 +180,7 @@ def test_plan_is_that_of_the_command(capsys):
     assert plan._repr_html_().count("<tr") == 1 + len(plan.answers)
 
 
+@pytest.mark.thorough
 def test_stages_start_without_the_library():
     code = ("import sys, pipeline.scene; heavy = ('pipeline.library', 'snakemake', 'pyvista'); "
             "assert not [name for name in sys.modules if name.startswith(heavy)]")
@@ -185,12 +189,13 @@ def test_stages_start_without_the_library():
 
 # As a wheel
 
+@pytest.mark.thorough
 def test_installed_files_run_outside_the_project(tmp_path):
     """The layout of a wheel: packages, and in one of them what is no Python."""
     site, home = tmp_path / "site", tmp_path / "home"
     home.mkdir()
     ignore = shutil.ignore_patterns("__pycache__")
-    for name in ("pipeline", "sim"):
+    for name in ("pipeline", "sim", "studies"):
         shutil.copytree(ROOT / name, site / name, ignore=ignore)
     for name in ("config", "profiles", "rules"):
         shutil.copytree(ROOT / name, site / "pipeline" / "project" / name)

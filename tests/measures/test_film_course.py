@@ -3,7 +3,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-import synthetic_frames
+from helpers import synthetic_frames
 
 from pipeline import metrics
 from pipeline.base.frame_files import frame_path, write_frame
@@ -68,6 +68,7 @@ def test_a_film_is_some_tens_of_micrometers_thick(wetting):
     assert not wetting.deposit(np.array([0.9 * wetting.retreat])).any()
 
 
+@pytest.mark.thorough_cases("0.03-0.004")
 @pytest.mark.parametrize("speed", [4e-3, 10e-3, 30e-3])
 @pytest.mark.parametrize("interval", [0.03, 0.1])
 def test_a_fast_front_leaves_the_film_of_its_speed(wetting, speed, interval):
@@ -184,6 +185,7 @@ def test_shares_add_up(wetting, angle):
     assert film.film_share() <= drawn + 1e-12 if angle else film.film_share() == pytest.approx(drawn)
 
 
+@pytest.mark.thorough
 def test_two_runs_are_the_same(wetting):
     def course():
         random = np.random.default_rng(5)

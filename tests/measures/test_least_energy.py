@@ -31,6 +31,7 @@ def frame(fill):
     return SimpleNamespace(fill=np.array([1.0 - fill, fill]) * CAVITY, gravity=np.array([0.0, -9.81, 0.0]))
 
 
+@pytest.mark.thorough
 def test_fill_and_posture_at_the_end_count(tmp_path):
     scene = loaded("tamponade")
     found, unknown = least_energy_of(scene, frame(0.85), CAVITY)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import pyvista
-import synthetic_frames
+from helpers import synthetic_frames
 
 from pipeline import metrics
 from pipeline.base.errors import UserError
@@ -189,6 +189,7 @@ def surface(ball):
     return pyvista.PolyData.from_regular_faces(points, faces)
 
 
+@pytest.mark.thorough
 def test_the_stage_writes_columns_bars_and_when_breaks_were_covered(ball, tmp_path, capsys):
     scene = measured(ball, regions=[LOWER_HALF]).scene
     (tmp_path / "scene.json").write_text(scene.to_json())

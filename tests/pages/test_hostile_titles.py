@@ -16,9 +16,9 @@ from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
 from pipeline.pictures.marks import font, header
 from pipeline.scenes.load import load_scene
-from pipeline.study_kit import report as study_report
-from pipeline.study_kit.model import Curve, Figure, Outcome
-from pipeline.study_kit.plan import load_study
+from pipeline.studies import report as study_report
+from pipeline.studies.model import Curve, Figure, Outcome
+from pipeline.studies.plan import load_study
 
 SCRIPT = "<script>alert(1)</script>"
 TITLES = (f'{SCRIPT} & "quotes" {{{{ 7 * 7 }}}}',
@@ -37,6 +37,7 @@ def scene(request):
     return dataclasses.replace(plain, title=words, label=words, description=words, liquids=liquids)
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_plots_and_pictures_survive_any_title(scene, tmp_path):
     shown = shown_metrics(TABLE, [Metric("speed", "m/s", "", None, place=1)])

@@ -112,6 +112,7 @@ def test_pictures_of_a_run_are_on_one_sheet(scene, tmp_path, monkeypatch):
         4 * np.pi * 0.4**2 / 2.0 * 200 * 100, rel=0.06)
 
 
+@pytest.mark.thorough
 def test_a_funnel_is_seen_in_its_container():
     """Rims of 3 cm and 8 cm, 6 cm apart."""
     funnel = Funnel(center=(0.1, 0.05, 0.1), lower_radius=0.03, upper_radius=0.08, height=0.06, thickness=0.01)

@@ -54,6 +54,7 @@ output: {duration: 4 s, second_means: 1 h}
 """
 
 
+@pytest.mark.thorough
 def test_every_posture_that_is_held_has_a_shape(folder, coarse):
     found = sequence.sequence_of(scene_file(folder, DAY))
     assert [hold.words for hold in found.holds] == ["upright", "prone, head down 45 deg", "upright"]
@@ -72,6 +73,7 @@ def test_every_posture_that_is_held_has_a_shape(folder, coarse):
     assert "Break above: covered 76 % of that time" in text and text.endswith("not for decisions on a patient.\n")
 
 
+@pytest.mark.thorough
 def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
     found = sequence.sequence_of(scene_file(folder, DAY))
 
@@ -92,6 +94,7 @@ def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
     assert told(-1e-3, -2e-3, -0.5e-3)[0] == "bare by 1.0 mm (2.0 to 0.5)"
 
 
+@pytest.mark.thorough
 def test_times_bare_go_on_through_a_turn(folder, coarse):
     found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 60 deg")))
     assert found.covered("below") == (0.0, pytest.approx(14400.0))
@@ -110,6 +113,7 @@ def test_a_scene_without_a_shape_at_rest_is_refused(folder, text, base, sentence
         sequence.sequence_of(scene_file(folder, text, base))
 
 
+@pytest.mark.thorough
 def test_the_stage_writes_a_page_with_a_map_of_every_posture(folder, coarse, tmp_path):
     plan.main(["--sequence", str(scene_file(folder, DAY)), "--output", str(tmp_path / "day.html")])
     text = (tmp_path / "day.html").read_text()

@@ -5,15 +5,16 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.result_pages import main
 from pipeline.results.tables import read_layout, read_rows, write_rows
 from pipeline.scenes.load import load_scene
-from pipeline.study_kit import moved_oil_page, shed_droplets_page
-from pipeline.study_kit.model import COLUMNS as STUDY_COLUMNS
+from pipeline.studies.model import COLUMNS as STUDY_COLUMNS
+from studies.questions.moved_oil import moved_oil_page
+from studies.questions.shed_droplets import shed_droplets_page
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -51,6 +52,7 @@ def test_the_pages_and_the_readme_are_those_of_their_tables():
     assert main(["--check"]) == 0
 
 
+@pytest.mark.thorough
 def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_written(project):
     table = project / "docs" / "results" / "costs.csv"
     table.write_text(re.sub(r"of the simulation,[\d.]+,", "of the simulation,14.5,", table.read_text(), count=1))
@@ -70,6 +72,7 @@ def test_a_page_without_a_table_is_told(project):
     assert "old.md: belongs to no page" in found.stderr
 
 
+@pytest.mark.thorough
 def test_a_study_replaces_the_row_of_the_same_case_quantity_and_level(project):
     line = {"case": "oil_shape s1_tamponade_gamma3", "quantity": "sphericity of the oil at the end",
             "value": "0.851234", "unit": "1"}
@@ -86,6 +89,7 @@ def test_a_study_replaces_the_row_of_the_same_case_quantity_and_level(project):
     assert run(project, "--check").returncode == 0
 
 
+@pytest.mark.thorough
 def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project):
     case = "oil_in_sphere-3-0.8-18.2--35-0.1-0 R/dx=11"
     lines = ({"case": case, "quantity": "arc of contact", "value": "190", "unit": "deg", "reference": "184",
@@ -106,6 +110,7 @@ def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project)
     assert (row.value, row.unit) == ("0.65", "spacings")
 
 
+@pytest.mark.thorough
 def test_new_cases_come_only_where_they_are_asked_for(project):
     line = {"case": "spin_down-central n=32", "quantity": "decay rate", "value": "5.8", "unit": "1/s"}
     folder = study_table(project, "validation", "fine", line)
@@ -125,6 +130,7 @@ def test_a_small_error_relative_to_what_is_expected_is_told_in_percent(project):
     assert (row.error, row.allowed, row.error_unit) == ("0.01831", "2", "%")
 
 
+@pytest.mark.thorough
 def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(project):
     lines = [{"case": f"spin_down-central R/dx={size}", "quantity": "decay rate", "value": value, "unit": "1/s",
               "reference": "5.783", "error": error, "tolerance": "0.05", "holds": holds}
@@ -142,6 +148,7 @@ def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(p
                                      ("flow", "spin_down-central", "R/dx=24", "5.8", "5.783", "0.294", "5", "yes")]
 
 
+@pytest.mark.thorough
 def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     folder = project / "outputs" / "tamponade" / "standard"
     (folder / "logs").mkdir(parents=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import pyvista
 from conftest import ROOT
+from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 from PIL import Image
-from synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, oil_fraction
 
 import pipeline
 from pipeline import compare, cost, export
@@ -21,9 +21,10 @@ from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes import memory_check
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.scenes.model import Container
-from pipeline.studies import collision, coupling, effects_off, eye_accuracy, ink_drop, oil_shape
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.surface_files import surface_path, write_surface
+from studies.papers import collision, coupling, effects_off, ink_drop, oil_shape
+from studies.questions.eye_accuracy import eye_accuracy
 
 OIL, INTERVAL, PER_SEGMENT = "silicone_oil_1000", 0.5, 2
 KEPT, LEFT = 5, 7   # frames of two segments, and of the three of the longer run

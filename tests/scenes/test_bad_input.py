@@ -6,8 +6,8 @@ import sys
 
 import pytest
 from conftest import ROOT
+from helpers.synthetic_frames import make_frame
 from PIL import Image
-from synthetic_frames import make_frame
 
 from pipeline.base import cli, files
 from pipeline.base.frame_files import frame_path, write_frame
@@ -44,6 +44,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough_cases("eye", "scene")
 @pytest.mark.parametrize("name", CASES)
 def test_full_disk_is_one_sentence_that_names_the_file(name, inputs):
     target, arguments = CASES[name]
@@ -80,6 +81,7 @@ def test_left_over_of_killed_processes_is_removed(tmp_path):
         ".snakemake_timestamp"])
 
 
+@pytest.mark.thorough
 def test_snakemake_repeats_the_sentence_at_the_end(project):
     (project.folder / "config/scenes/eye.stl").write_text("nothing")
     project.write_scene("broken", "extends: tiny\neye: {model: mesh, path: eye.stl}\n")
@@ -89,6 +91,7 @@ def test_snakemake_repeats_the_sentence_at_the_end(project):
     assert output.count(sentence) == 2 and output.rfind(sentence) > output.rfind("Error in rule eye")
 
 
+@pytest.mark.thorough
 def test_scene_with_a_hyphen_can_be_planned(project):
     project.write_scene("my-eye", "extends: tiny\n")
     code, output = project.snakemake("-n", "outputs/my-eye/draft/movie.mp4")

@@ -4,13 +4,14 @@ import json
 import shutil
 from types import MappingProxyType
 
-import forked
 import numpy as np
 import pytest
 import pyvista
 from conftest import ROOT
+from helpers import forked
+from helpers.cases import thorough
+from helpers.synthetic_frames import frame_of
 from PIL import Image
-from synthetic_frames import frame_of
 
 from pipeline import render
 from pipeline.base.errors import UserError
@@ -326,6 +327,7 @@ def state_of(scene, arrays, time=0.0):
     return dataclasses.replace(frame, particle_spacing=scene.numerics.particle_spacing)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", ["extends: base", SPACE], ids=["plane", "space"])
 def test_surfaces_of_blocks_have_their_volume_and_place(anew, write, text):
     scene = load_scene(write(text), "draft")
@@ -392,7 +394,7 @@ def blue_and_ivory(pixels):
     return difference > 25, difference < -20
 
 
-@pytest.mark.parametrize("text", ["extends: base", SPACE], ids=["plane", "slice"])
+@pytest.mark.parametrize("text", ["extends: base", thorough(SPACE)], ids=["plane", "slice"])
 def test_blocks_are_drawn_in_their_colors_without_opengl(drawn, text):
     pixels = drawn(text, "--section-only")
     assert pixels.shape == (360, 640, 3)
@@ -404,6 +406,7 @@ def test_blocks_are_drawn_in_their_colors_without_opengl(drawn, text):
     assert (columns.max() - columns.min()) / (rows.max() - rows.min()) == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_bodies_are_drawn_beside_the_slice(drawn, opengl):
     right = drawn(SPACE)[50:320, 320:]
     water, oil = blue_and_ivory(right)
@@ -471,6 +474,7 @@ def test_all_stages_by_command_line(base, tmp_path):
 FOLDERS = ("frames", "surfaces", "images", "plots")
 
 
+@pytest.mark.thorough
 def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(anew, write):
     from pipeline.simulation.solver_setup import build_solver
     from sim.solver import Divergence
@@ -488,6 +492,7 @@ def test_fixed_time_step_is_kept_and_stops_where_it_is_unstable(anew, write):
         solver.step()
 
 
+@pytest.mark.thorough
 def test_solve_that_ends_at_its_limit_is_reported(anew, write, tmp_path, capsys):
     from pipeline.simulate import simulate_segment
     from pipeline.simulation.runner import Runner
@@ -537,6 +542,7 @@ def test_numbers_that_a_scheme_does_not_read_are_refused(write, scheme, place):
     load_scene(write(f"{text}effects: {{viscosity_implicit: {{}}}}\n"), "draft")  # which reads it
 
 
+@pytest.mark.thorough
 def test_limit_of_another_scheme_is_quoted_by_its_own_key(taichi, write, tmp_path, capsys):
     from pipeline.simulate import simulate_segment
     from pipeline.simulation.runner import Runner

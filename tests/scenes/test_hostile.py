@@ -6,6 +6,7 @@ import shutil
 import sys
 
 import pytest
+from helpers.cases import thorough
 
 from pipeline.base.errors import UserError
 from pipeline.forecast.measurement import KEPT
@@ -14,8 +15,8 @@ from pipeline.scenes.checks import TAKEN
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_resolved, load_scene
 from pipeline.scenes.reader import MOST_MESSAGES
 from pipeline.scenes.yaml_files import MOST_BYTES
+from pipeline.studies.plan import load_study
 from pipeline.study import OUTPUTS as STUDY_OUTPUTS
-from pipeline.study_kit.plan import load_study
 
 BOX = ("dimension: 2\nliquids: [aqueous]\ncontainer: {size: [1, 1]}\n"
        "numerics: {particle_spacing: 0.01, scheme: dfsph}\noutput: {duration: 1}\n")
@@ -121,6 +122,7 @@ def test_endless_blocks_are_sentences(corners, write):
     assert "blocks[0]." in errors_of(write(f"{BOX}blocks: [{{liquid: aqueous, {corners}}}]\n"))[0]
 
 
+@pytest.mark.thorough
 def test_many_errors_are_counted(write):
     block = "- {liquid: aqueous, lower: [0, 0], upper: [1, 1]}\n"
     messages = errors_of(write(f"{BOX}blocks:\n{block * 300}"))
@@ -128,6 +130,7 @@ def test_many_errors_are_counted(write):
     assert errors_of(write(f"{BOX}blocks:\n{block * 1500}"))[0].endswith("has 1500 entries, but must have at most 1000")
 
 
+@pytest.mark.thorough
 def test_liquids_named_again_and_again_are_one_sentence(write):
     messages = errors_of(write(f"extends: tiny\nliquids: [{'aqueous, ' * 20000}]\n"))
     assert messages[0].endswith("liquids names aqueous more than once, but every liquid is one phase")
@@ -182,7 +185,7 @@ def test_scenes_that_start_from_each_other_are_read_once_each(write):
     assert load_scene(path, "draft").start_from == "s23"
 
 
-@pytest.mark.parametrize("key", ["extends", "start_from"])
+@pytest.mark.parametrize("key", ["extends", thorough("start_from")])
 def test_endless_chains_are_one_sentence(key, write):
     for number in range(400):
         path = write("extends: tiny\n" if not number else f"{key}: c{number - 1}\n" + "extends: tiny\n" * (
@@ -286,6 +289,7 @@ def test_endless_combinations_of_a_study_are_refused(tmp_path):
         load_study("bad", "draft", tmp_path)
 
 
+@pytest.mark.thorough
 def test_reading_a_scene_runs_nothing(write, tmp_path, monkeypatch):
     """Payloads of known attacks stay text; an audit hook would see a command, a pickle or a file that is written."""
     monkeypatch.chdir(tmp_path)

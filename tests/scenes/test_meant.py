@@ -1,6 +1,6 @@
 """What people write for something else: asked back with what was probably meant, in check, advice and page."""
-import forked
 import pytest
+from helpers import forked
 
 from pipeline.advice.report import html_of, report_of
 from pipeline.base.errors import UserError

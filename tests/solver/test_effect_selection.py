@@ -1,9 +1,9 @@
 """What of a scene is left out or done cheaper: the rules, one by one, and that the log says so."""
 import dataclasses
 
-import cavities
 import pytest
-from effect_cases import ACTIVE, BESIDE, INVISCID, SHEDDING, ZERO
+from helpers import cavities
+from helpers.effect_cases import ACTIVE, BESIDE, INVISCID, SHEDDING, ZERO
 
 from pipeline.cavity.container import container_arrays
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
@@ -123,6 +123,7 @@ output: {duration: 0.1 s}
 """
 
 
+@pytest.mark.thorough
 def test_run_takes_what_is_left_and_says_so(taichi, project):
     path = project.folder / "config" / "scenes" / "thin.yaml"
     path.write_text(SCENE)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
+from helpers.cases import thorough
 from taichi.lang.exception import TaichiRuntimeTypeError, TaichiSyntaxError
 
 from sim.launching import counted_launches, data_oriented
@@ -62,7 +63,7 @@ class OtherSums(Sums):
         self.add(*arguments)
 
 
-@pytest.mark.parametrize("kind", [Sums, MoreSums])
+@pytest.mark.parametrize("kind", [thorough(Sums), MoreSums])
 def test_every_launch_has_its_own_numbers_and_fields(kind):
     sums, other = kind(), kind()
     for number in (1, 2, 3):
@@ -124,7 +125,7 @@ def test_kernels_are_found_again_after_a_new_start_of_taichi():
 
 
 def test_all_classes_with_kernels_launch_them_so():
-    own = (path for room in ("sim", "pipeline") for path in (ROOT / room).rglob("*.py"))
+    own = (path for room in ("sim", "pipeline", "studies") for path in (ROOT / room).rglob("*.py"))
     assert [path for path in own if re.search(r"^ *@ti\.data_oriented", path.read_text(), re.MULTILINE)] == []
 
 

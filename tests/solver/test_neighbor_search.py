@@ -1,6 +1,7 @@
 """Neighbor rows against a k-d tree."""
 import numpy as np
 import pytest
+from helpers.cases import thorough
 from scipy.spatial import cKDTree
 
 from sim.errors import OutOfRoom
@@ -55,7 +56,8 @@ def cloud(dimension, extent, seed=3):
     return fluid, walls
 
 
-@pytest.mark.parametrize("periods", [(8e-3, 7e-3), (8e-3, 0.0), (5e-3, 6e-3, 7e-3), (0.0, 6e-3, 0.0)])
+@pytest.mark.parametrize("periods", [(8e-3, 7e-3), thorough((8e-3, 0.0)), thorough((5e-3, 6e-3, 7e-3)),
+                                     thorough((0.0, 6e-3, 0.0))])
 def test_rows_reach_across_the_ends_of_periodic_axes(periods):
     """Against the same cloud surrounded by copies of itself; liquid beyond an end is taken back to the other."""
     dimension, lengths = len(periods), np.array(periods)
@@ -93,7 +95,7 @@ def test_short_period_is_refused():
         searched(fluid, walls, head_room=3.0, periods=(4e-3, 0.0))
 
 
-@pytest.mark.parametrize("dimension, extent", [(2, 16e-3), (3, 7e-3)])
+@pytest.mark.parametrize("dimension, extent", [(2, 16e-3), thorough(3, 7e-3)])
 def test_rows_equal_those_of_a_tree(dimension, extent):
     fluid, walls = cloud(dimension, extent)
     particles, search = searched(fluid, walls, head_room=3.0)
@@ -119,6 +121,7 @@ def test_rows_equal_those_of_a_tree(dimension, extent):
                                    (-20.0 * weight / SUPPORT**2 * (1 - q) ** 3)[:, None] * away, rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_order_of_the_particles_does_not_matter():
     fluid, walls = cloud(2, 12e-3)
     volume = np.linspace(0.5, 1.5, len(fluid)) * SPACING**2
@@ -134,6 +137,7 @@ def test_order_of_the_particles_does_not_matter():
             assert a[pair][0] == b[pair][0] and (a[pair][1] == b[pair][1]).all()
 
 
+@pytest.mark.thorough
 def test_sort_keeps_every_particle_whole_and_neighbors_close_in_memory():
     fluid, walls = cloud(2, 12e-3)
     particles, search = searched(fluid, walls, head_room=3.0)
@@ -146,6 +150,7 @@ def test_sort_keeps_every_particle_whole_and_neighbors_close_in_memory():
     assert (np.diff(cell) >= 0).all()
 
 
+@pytest.mark.thorough
 def test_particles_that_left_the_grid_still_find_each_other():
     fluid, walls = cloud(2, 8e-3)
     lost = np.array([[0.5, 0.5], [0.5005, 0.5], [0.5, -0.5]])
@@ -156,6 +161,7 @@ def test_particles_that_left_the_grid_still_find_each_other():
     assert found == {(first, first + 1), (first + 1, first)}
 
 
+@pytest.mark.thorough
 def test_rows_have_no_gaps_and_know_who_has_neighbors():
     fluid, walls = cloud(2, 12e-3)
     _, search = searched(fluid, walls, head_room=3.0)
@@ -168,6 +174,7 @@ def test_rows_have_no_gaps_and_know_who_has_neighbors():
         assert (np.diff(members) > 0).all() and set(np.flatnonzero(count)) <= set(members)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("which", ["pairs", "wall_pairs", "wall_rows"])
 def test_more_neighbors_than_fit_are_refused_before_any_is_written(which):
     fluid, walls = cloud(2, 8e-3)

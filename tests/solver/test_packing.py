@@ -1,7 +1,7 @@
 """Packing: even compression between curved walls, nothing outside, input order kept."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 from scipy.spatial import cKDTree
 
 from pipeline.cavity.shapes import shape_arrays
@@ -19,6 +19,7 @@ def packing(request):
     return radius, arrays["fluid_position"], lattice[1], *packed
 
 
+@pytest.mark.thorough
 def test_packing_evens_the_compression(packing):
     _, _, before, _, after = packing
     # A trial had 1.005 +- 0.002 at 22 spacings; fewer particles per radius pack less evenly.
@@ -26,12 +27,14 @@ def test_packing_evens_the_compression(packing):
     assert after.min() > 0.98 and after.max() < 1.04
 
 
+@pytest.mark.thorough
 def test_packed_particles_stay_inside_and_apart(packing):
     radius, _, _, position, _ = packing
     assert np.linalg.norm(position, axis=1).max() < radius - 0.1 * cavities.SPACING
     assert cKDTree(position).query(position, 2)[0][:, 1].min() > 0.8 * cavities.SPACING
 
 
+@pytest.mark.thorough
 def test_order_is_that_of_the_input(packing):
     _, start, _, position, _ = packing
     # Packing moves a particle by a fraction of a spacing; another particle's row would be several away.
@@ -40,6 +43,7 @@ def test_order_is_that_of_the_input(packing):
     assert moved.max() > 0.01 * cavities.SPACING
 
 
+@pytest.mark.thorough
 def test_box_lattice_is_packed_already():
     arrays = cavities.cavity("box", (12e-3, 12e-3))
     position, compression = pack(arrays["fluid_position"], arrays["fluid_volume"], arrays["wall_position"],

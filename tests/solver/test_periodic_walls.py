@@ -1,9 +1,10 @@
 """A channel whose ends are one: where it is cut does not matter."""
 import math
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
+from helpers.cases import thorough
 
 from sim.settings import Liquid
 
@@ -25,7 +26,8 @@ def pressures(shift: float, filled) -> np.ndarray:
     return solver.snapshot()["pressure"]
 
 
-@pytest.mark.parametrize("filled", [None, lambda x: x[:, 1] < 0.1 * WIDTH], ids=["full", "with a free surface"])
+@pytest.mark.parametrize("filled", [None, thorough(lambda x: x[:, 1] < 0.1 * WIDTH)],
+                         ids=["full", "with a free surface"])
 def test_pressure_does_not_depend_on_where_a_channel_is_cut(filled):
     here, elsewhere = pressures(0.0, filled), pressures(5.0 * cavities.SPACING, filled)
     assert np.abs(elsewhere - here).max() < 1e-3 * np.abs(here).max()

@@ -1,9 +1,9 @@
 """The pressure equation against matrices assembled by hand from all pairs, without neighbor rows."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.settings import Liquid
 
@@ -199,6 +199,7 @@ def test_momentum_is_exchanged_with_the_wall_only(state):
     np.testing.assert_allclose(everywhere[everywhere != 0.0], 1.0, rtol=1e-12)
 
 
+@pytest.mark.thorough_cases("sphere")
 def test_solve_makes_the_velocity_free_of_divergence(state):
     solver, pressure_solver, reference = state
     rng = np.random.default_rng(3)
@@ -246,6 +247,7 @@ def test_friction_of_the_wall_counts_as_mass():
                                    atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.thorough
 def test_viscous_liquid_moves_alike_in_large_and_small_steps():
     """Oil beside aqueous in a circle, nu dt/dx^2 = 800 and 200: 3 % apart; 15 % where the wall lets the oil slip in the
     pressure's solve."""
@@ -263,6 +265,7 @@ def test_viscous_liquid_moves_alike_in_large_and_small_steps():
     assert risen[0] == pytest.approx(risen[1], rel=0.06)
 
 
+@pytest.mark.thorough
 def test_zero_tolerance_makes_exactly_the_iterations_asked_for(state):
     solver, pressure_solver, reference = state
     solver.particles.from_numpy("pressure", np.zeros(reference.count))

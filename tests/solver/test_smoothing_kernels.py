@@ -1,7 +1,7 @@
 """Smoothing kernels: integral, gradient, support and range, in 2D and 3D, in single and double precision."""
 import numpy as np
 import pytest
-from kernel_samples import CASES, sample_kernels
+from helpers.kernel_samples import CASES, sample_kernels
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,7 @@ def shell(r, dimension):
     return 2.0 * np.pi * r if dimension == 2 else 4.0 * np.pi * r**2
 
 
+@pytest.mark.thorough_cases("f64-WendlandC2-2D-0.000125", "f64-WendlandC2-2D-0.0025")
 def test_integral_is_one(sampled):
     r, value, _, dimension, _, rounding = sampled
     # The trapezoid rule itself errs by some 1e-6 at 1600 points within the support.

@@ -4,9 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.simulate import diagnosis
 from pipeline.simulation.runner import Runner
@@ -62,11 +62,13 @@ def test_restart_is_bit_identical(tank, unbroken):
     assert_same_bits(tank.state(), end)
 
 
+@pytest.mark.thorough
 def test_number_of_threads_changes_no_bit(elsewhere, unbroken):
     found = elsewhere("f64", 2, "tank")
     assert_same_bits(found, {f"tank.{name}": values for name, values in unbroken[1].items()})
 
 
+@pytest.mark.thorough
 def test_single_precision_is_close(single_precision, unbroken):
     """After 20 steps round-off of 1e-7 per operation has not grown beyond a thousandth of a spacing."""
     end, single_precision = unbroken[1], single_precision("tank")
@@ -127,6 +129,7 @@ def test_every_turn_keeps_the_strength_of_gravity(start, end):
     np.testing.assert_allclose(rotate_towards(POSTURES[start], POSTURES[end], 1.0), POSTURES[end], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_mixture_is_not_forgotten(bare):
     solver, state = bare
     pure = np.eye(2)[state["particles.phase"]]
@@ -186,6 +189,7 @@ def test_velocity_that_is_not_finite_is_named(tank, bad):
         assert f"{coordinate:.4g}".rstrip("0")[:5] in str(caught.value).replace("e-03", "")
 
 
+@pytest.mark.thorough
 def test_settings_that_kernels_hold_stay_as_they_are(bare):
     solver, at_rest = bare
     solver.restore(at_rest)
@@ -225,6 +229,7 @@ def spinning(bare):
     return solver, np.array(cavities.run(solver, 0.03, measure)) / start
 
 
+@pytest.mark.thorough
 def test_rotation_without_viscosity_goes_on(spinning):
     """A trial had 0.997 of the spin and 0.994 of the energy at 22 spacings per radius; walls of their own pressure
     brake to 0.64."""
@@ -274,13 +279,14 @@ def test_a_run_that_goes_bad_with_more_room_leaves_the_solver_that_went_bad(monk
     assert runner.solver is None and diagnosis(None, {}, 1.0, caught.value) == "too many neighbors"
 
 
+@pytest.mark.thorough
 def test_a_solver_that_runs_out_of_room_goes_on_with_more_and_computes_the_same(tmp_path):
     """In a process of its own: Taichi starts anew with the wider solver."""
     script = '''
 import sys
 from pathlib import Path
 import numpy as np
-import cavities
+from helpers import cavities
 from pipeline.simulate import Runner, restore
 from sim.errors import OutOfRoom
 from sim.runtime import initialize
@@ -371,6 +377,7 @@ def test_statistics_of_a_frame_are_means_and_the_largest_of_maxima():
 
 # A run that went bad is repeated with a look at every effect by itself.
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_effects_one_by_one_give_what_they_give_together(circle):
     effects = [cavities.parameters(name, **values) for name, values in {

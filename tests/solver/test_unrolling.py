@@ -49,6 +49,7 @@ def compiled(folder: Path, how: str) -> tuple[np.ndarray, int]:
     return np.frombuffer(bytes.fromhex(done.stdout.splitlines()[-1])), size
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
 def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_path):
     rolled, small = compiled(tmp_path / "rolled", "rolled")
@@ -62,6 +63,7 @@ def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_p
     assert small < 0.6 * large
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
 def test_kernels_of_other_options_are_compiled_anew(tmp_path):
     """Else who takes a new version runs on with the kernels of the old one, to the last digit."""

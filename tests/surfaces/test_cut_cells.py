@@ -1,8 +1,8 @@
 """Cells cut along the wall: closed whatever the fields, and exact where these are flat."""
 import numpy as np
 import pytest
-from synthetic_frames import RADIUS, ball
-from test_reconstruct import assert_closed
+from helpers.closed_meshes import assert_closed
+from helpers.synthetic_frames import RADIUS, ball
 
 from pipeline.surfaces.bricks import Bricks, spline_range
 from pipeline.surfaces.cavity_cut import CavityCut
@@ -28,6 +28,7 @@ def cut(grid, level):
     return CavityCut(grid, bricks, crossed, bricks.nodes(crossed), values, np.zeros(grid.shape, bool))
 
 
+@pytest.mark.thorough_cases("0.25", "0.5")
 def test_noise_is_cut_into_two_closed_parts(grid):
     """Cells with every pattern of signs of the level, bodies and hollows at the wall."""
     random = np.random.default_rng(0)
@@ -41,6 +42,7 @@ def test_noise_is_cut_into_two_closed_parts(grid):
     assert sum(mesh.volume for mesh in meshes) == pytest.approx(grid.cavity_volume, rel=2e-3)
 
 
+@pytest.mark.thorough_cases("0.25--0.006")
 @pytest.mark.parametrize("height", [-6e-3, 0.3e-3, 8e-3])
 def test_a_plane_cuts_off_a_cap(grid, height):
     parts = cut(grid, lambda _, places: places @ NORMAL / 1e-3 - height / 1e-3)

@@ -32,6 +32,7 @@ def resources(project, *arguments: str) -> dict[str, dict]:
     return json.loads(plan[0].removeprefix("PLAN "))
 
 
+@pytest.mark.thorough
 def test_jobs_ask_for_threads_memory_and_a_gpu(project):
     project.write_scene("greedy", "extends: tiny\nnumerics: {threads: 32, device: cuda}\n")  # more than there are here
     asked = resources(project, "greedy", "48") | resources(project, "outputs/greedy/draft/estimate.html", "48")
@@ -42,6 +43,7 @@ def test_jobs_ask_for_threads_memory_and_a_gpu(project):
     assert asked["render"]["mem_mb"] > asked["simulate"]["mem_mb"]
 
 
+@pytest.mark.thorough
 def test_cases_of_a_study_ask_for_a_gpu_where_one_is_chosen(project):
     (project.folder / "config/studies/small.yaml").write_text(
         "cases: {taylor_green: {reynolds: [5, 10], resolutions: [8]}}\n")

@@ -6,13 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
-from cavities import SPACING, part
 from conftest import ROOT
-from free_surface import DAM_WIDTH, GRAVITY
-from on_device import HEIGHT
+from helpers import forked
+from helpers.cavities import SPACING, part
+from helpers.free_surface import DAM_WIDTH, GRAVITY
+from helpers.on_device import HEIGHT
 
 from pipeline.base.errors import UserError
 from pipeline.scenes import devices as chosen
@@ -66,6 +66,7 @@ def test_vulkan_that_ends_long_loops_is_refused(here):
         chosen.checked_device("vulkan", "--device")
 
 
+@pytest.mark.thorough
 def test_taichi_does_not_fall_back_to_the_cpu():
     code = ("from sim.runtime import NoDevice, device, initialize\n"
             "try:\n    initialize('f32', 1, 'metal')\nexcept NoDevice as error:\n    print(error)\n"
@@ -75,6 +76,7 @@ def test_taichi_does_not_fall_back_to_the_cpu():
     assert done.stdout.splitlines()[-2:] == ["Taichi finds no device metal", "cpu"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("device", "stage"), [
     ("metal", ["simulate", "scene.json", "initial.npz", "--frames", "frames", "--checkpoint", "end.npz"]),
     ("gpu", ["voxelize", "scene.json", "eye.vtp", "--output", "initial.npz", "--report", "voxelize.json"]),
@@ -93,6 +95,7 @@ def test_stages_refuse_a_device_before_all_else(tmp_path, device, stage):
 
 # Snakemake
 
+@pytest.mark.thorough
 def test_snakemake_refuses_a_device_and_passes_one_on(project):
     project.write_scene("apple", "extends: tiny\nnumerics: {device: metal}\n")
     movie = "outputs/apple/draft/movie.mp4"
@@ -125,8 +128,9 @@ def states(folder: Path, *cases: str) -> dict[str, dict[str, np.ndarray]]:
     if devices._trial("vulkan") == ABSENT:
         pytest.skip("no Vulkan on this machine: install mesa-vulkan-drivers (./run test does, or tells how)")
     for device in ("cpu", "vulkan"):
-        subprocess.run([sys.executable, "tests/on_device.py", device, folder / "shared.npz", folder / f"{device}.npz",
-                        *cases], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+        subprocess.run([sys.executable, "-m", "helpers.on_device", device, folder / "shared.npz",
+                        folder / f"{device}.npz", *cases], cwd=ROOT / "tests",
+                       env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
     return {device: dict(np.load(folder / f"{device}.npz")) for device in ("cpu", "vulkan")}
 
 
@@ -151,6 +155,7 @@ def assert_alike(states, state: str, spacing: float, share: float) -> None:
         assert both[0].sum() == pytest.approx(both[1].sum(), rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", SPACINGS)
 def test_vulkan_is_close_to_the_cpu(found, case):
     """As near as single precision is to double in `test_solver`: round-off of 1e-7 per operation, over 20 steps."""
@@ -162,6 +167,7 @@ def test_vulkan_is_close_to_the_cpu(found, case):
                                           by_id(found, "vulkan", f"{case} end", name))
 
 
+@pytest.mark.thorough
 def test_cases_move_as_they_should(found):
     """A dam falls and oil flows in; a still tank is as still on both, a twentieth of a free fall through it."""
     for device in found:
@@ -173,6 +179,7 @@ def test_cases_move_as_they_should(found):
         assert oil[1] > 1.1 * oil[0] > 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", SPACINGS)
 def test_vulkan_gives_the_same_bits_again(found, case):
     middle, again = (part(found["vulkan"], f"{case} {state}") for state in ("middle", "again"))
@@ -181,6 +188,7 @@ def test_vulkan_gives_the_same_bits_again(found, case):
         np.testing.assert_array_equal(values, again[name], err_msg=name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", SPACINGS)
 def test_vulkan_continues_what_the_cpu_began(found, case):
     """And comes nearer to what the CPU continues than to its own way there, which has twice the steps."""

@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from snakemake_output import TRACE
-from synthetic_frames import make_frame
+from helpers.snakemake_output import TRACE
+from helpers.synthetic_frames import make_frame
 
 from pipeline.base.frame_files import frame_path, save_checkpoint, write_frame
 from pipeline.workflow.mending import changes, end_future, hold, logs_below, set_aside_damaged
@@ -35,6 +35,7 @@ def test_damaged_files_are_set_aside_as_snakemake_knows_them(tmp_path):
     assert len(list((tmp_path / "damaged/frames/segment_000").iterdir())) == 2 and not frames.exists()
 
 
+@pytest.mark.thorough
 def test_a_run_makes_a_damaged_file_anew(project):
     """What stops the run is one sentence; the same command then goes on."""
     eye = project.outputs("tiny") / "eye.vtp"

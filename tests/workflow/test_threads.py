@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import forked
 import pytest
 from conftest import ROOT
+from helpers import forked
 
 from pipeline.base import threads
 from pipeline.base.errors import UserError
@@ -51,6 +51,7 @@ def test_cores_are_those_of_the_affinity_and_of_the_quota(monkeypatch, bound, gr
     assert (cores.available_cores(), cores.useful_threads()) == (available, useful)
 
 
+@pytest.mark.thorough
 def test_zero_threads_keep_those_that_run():
     code = ("from sim.runtime import initialize\ninitialize('f32', 1)\ninitialize('f32')\n"
             "try:\n    initialize('f32', 2)\nexcept RuntimeError as error:\n    print(error)")
@@ -100,6 +101,7 @@ def who_works(folder: Path, threads: int) -> tuple[list[int], int]:
     return [int(n) for n in workers.strip("[]").split(",")], int(main)
 
 
+@pytest.mark.thorough
 def test_every_worker_has_a_core_of_its_own_where_they_take_all(tmp_path):
     """And the main thread, whose children do other things, has all of them still."""
     every = len(os.sched_getaffinity(0))
@@ -156,6 +158,7 @@ def test_threads_beyond_the_cores_are_refused(asked, where):
                                  f"{cores.available_cores()}, the cores that can be used here")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stage", [
     ["simulate", "scene.json", "initial.npz", "--frames", "frames", "--checkpoint", "end.npz"],
     ["voxelize", "scene.json", "eye.vtp", "--output", "initial.npz", "--report", "voxelize.json"],
@@ -208,6 +211,7 @@ def test_cases_of_a_study_share_the_cores(flow, project):
                      "oil_shape": [1, 1, 1, 1]}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_solver_is_told_the_threads_that_snakemake_counts(project, jobs):
     """A dry run takes no notice of -j."""
@@ -220,6 +224,7 @@ def test_solver_is_told_the_threads_that_snakemake_counts(project, jobs):
     assert told == {"voxelize": solver, "simulate": solver, "reconstruct": {1}}
 
 
+@pytest.mark.thorough
 def test_scene_with_threads_beyond_the_cores_is_not_begun(project):
     project.write_scene("greedy", f"extends: tiny\nnumerics: {{threads: {TOO_MANY}}}\n")
     code, output = project.snakemake("outputs/greedy/draft/movie.mp4")

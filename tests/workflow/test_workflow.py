@@ -8,14 +8,16 @@ import runpy
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import types
+from pathlib import Path
 
-import forked
 import numpy as np
 import pytest
 from conftest import ROOT, Project
-from snakemake_output import TRACE, planned
+from helpers import forked
+from helpers.snakemake_output import TRACE, planned
 
 import pipeline
 from pipeline.base import digest as code_digest
@@ -23,16 +25,19 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
 from pipeline.base.tables import read_table
+from pipeline.runs.contents import CRATE
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks
 from pipeline.workflow import digest
+from pipeline.workflow.notes import jobs_of
 from pipeline.workflow.scenes import Workflow
 
 SCENES = sorted(scene_paths(ROOT / "config" / "scenes"))
 LEVELS = list(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))
 # Plans
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", LEVELS)
 def test_every_scene_can_be_planned(project, accuracy):
     code, output = project.snakemake("-n", "all", "--config", f"scenes=[{','.join(SCENES)}]", f"accuracy={accuracy}")
@@ -40,6 +45,7 @@ def test_every_scene_can_be_planned(project, accuracy):
     assert planned(output)["movie"] == len(SCENES)
 
 
+@pytest.mark.thorough
 def test_any_scene_is_reached_by_its_output(project):
     code, output = project.snakemake("-n", "outputs/tiny/draft/movie.mp4")
     assert code == 0, output
@@ -64,6 +70,7 @@ def test_start_is_the_same_level_of_the_other_scene(project):
     assert "tiny at standard: simulate segment 001" in output and "at draft" not in output
 
 
+@pytest.mark.thorough
 def test_levels_of_a_scene_stand_side_by_side(project):
     levels = {}
     for level in ("draft", "standard"):
@@ -76,6 +83,7 @@ def test_levels_of_a_scene_stand_side_by_side(project):
     assert all(path.stat().st_mtime_ns == date for dates in levels.values() for path, date in dates.items())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", [("all", "--config", "scenes=[tiny]"), ("tiny", "--config")])
 def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(project, arguments):
     code, output = project.snakemake("-n", *arguments, "accuracy=fine")
@@ -85,6 +93,7 @@ def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(pr
 
 # Wrong input
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["tinny"], 'no scene and no study is called "tinny" (did you mean tiny?)'),
     (["tiny (1)"], 'no scene and no study is called "tiny (1)" (did you mean tiny?)'),
@@ -109,6 +118,7 @@ def test_wrong_request_ends_with_a_sentence(project, arguments, sentence):
     assert sentence in output and TRACE not in output
 
 
+@pytest.mark.thorough
 def test_scene_with_errors_ends_with_all_of_them(project):
     project.write_scene("wrong", "extends: tiny\neffects: {injection: {fill: 101 %}}\noutput: {duratoin: 1 s}\n")
     code, output = project.snakemake("outputs/wrong/draft/movie.mp4")
@@ -117,6 +127,7 @@ def test_scene_with_errors_ends_with_all_of_them(project):
     assert not project.outputs("wrong").exists()
 
 
+@pytest.mark.thorough
 def test_outputs_that_cannot_be_written_end_with_a_sentence(project):
     (project.folder / "outputs").write_text("a file")
     code, output = project.snakemake("outputs/tiny/draft/scene.json")
@@ -207,9 +218,10 @@ def finished(tmp_path_factory, can_draw):
 def targets(can_draw):
     """Return what to make of `tiny`: all that the rule `all` asks for; pictures only where they can be drawn."""
     names = ["metrics.csv", "advice.html", "effects.html", "run.pvd"]
-    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html"] * can_draw]
+    return [f"outputs/tiny/draft/{name}" for name in names + ["movie.mp4", "cost.html", "index.html", CRATE] * can_draw]
 
 
+@pytest.mark.thorough
 def test_tiny_scene_makes_everything(finished, can_draw):
     scene = load_scene(finished.folder / "config" / "scenes" / "tiny.yaml", "draft")
     folder = finished.outputs("tiny")
@@ -231,11 +243,98 @@ def test_tiny_scene_makes_everything(finished, can_draw):
     assert "interface_tension" in (folder / "effects.csv").read_text()
 
 
+@pytest.mark.thorough
 def test_finished_run_has_nothing_to_do(finished, can_draw):
     code, output = finished.snakemake("-n", *targets(can_draw))
     assert code == 0 and "Nothing to be done" in output, output
 
 
+@pytest.mark.thorough
+def test_finished_run_is_as_its_crate_says(finished, opengl):
+    done = forked.run("pipeline.verify", "outputs/tiny/draft", folder=finished.folder)
+    assert done.returncode == 0 and "nothing differs from the crate" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.thorough
+def test_the_crate_is_written_last_and_again_whenever_a_file_is(finished, opengl):
+    with contextlib.chdir(finished.folder):
+        jobs = {job.rule: job for job in jobs_of(Path("outputs/tiny/draft"))}
+    waited_for = {*jobs["crate"].inputs}
+    assert {name for rule, job in jobs.items() if rule != "crate" for name in job.outputs} <= waited_for
+    code, output = finished.snakemake("-n", "-R", "metrics", "--", *targets(True))
+    plan = planned(output)
+    assert plan["metrics"] == plan["page"] == plan["crate"] == 1 and plan["simulate"] == 0, output
+    requested = finished.outputs("tiny") / "bodies.csv"
+    try:
+        requested.touch()
+        code, output = finished.snakemake("-n", *targets(True))
+    finally:
+        requested.unlink()
+    assert code == 0 and planned(output)["crate"] == 1 and planned(output)["page"] == 0, output
+
+
+# Keys that stages read although neither their own digest counts them nor one of a stage before them.
+READ_OTHERWISE = {
+    "output.duration": "tells how many frames there are, which the input of a job tells Snakemake too",
+    "output.until_rest": "the same",
+    "accuracy": "the level is in the name of the folder",
+}
+HANDED_ON = {("voxelize", "schemes"), ("voxelize", "start_from")}  # to the solver's settings, of which it takes others
+
+
+def stale(read, before, unread):
+    """Return (stage, key) of what a stage reads of a scene while a change of it would run nothing again.
+
+    read : stage -> keys. before : stage -> stages whose files it reads, directly or not. unread : as UNREAD.
+    """
+    def left_out(stage, key):
+        return any(key == one or key.startswith(f"{one}.") for one in unread.get(stage, ()))
+
+    found = {(stage, key) for stage, keys in read.items() for key in keys if key not in READ_OTHERWISE
+             and all(left_out(one, key) for one in {stage, *before[stage]} if one != "scene")}
+    return found - HANDED_ON
+
+
+@pytest.fixture(scope="module")
+def read_of_a_scene(finished, opengl, tmp_path_factory):
+    """Return what stages read of the scene, and which stages are before each, by running them on a copy of the run."""
+    folder = tmp_path_factory.mktemp("recorded")
+    for name in ("outputs", "config", ".snakemake"):
+        shutil.copytree(finished.folder / name, folder / name)
+    with contextlib.chdir(folder):
+        jobs = jobs_of(Path("outputs/tiny/draft"))
+    first = {job.rule: job.command for job in reversed(jobs)
+             if job.stage not in ("scene", "crate", "still")}  # a still takes longer than all others
+    (folder / "commands.json").write_text(json.dumps([*reversed(first.values())]))
+    done = subprocess.run([sys.executable, ROOT / "tests/workflow/recorded_scene.py", "commands.json", "read.json"],
+                          cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    made_by = {name: job for job in jobs for name in job.outputs}
+    before: dict[str, set[str]] = {}
+    for job in jobs:  # in the order of time
+        earlier = [made_by[name].stage for name in job.inputs if name in made_by]
+        before.setdefault(job.stage, set()).update(*({one, *before.get(one, ())} for one in earlier))
+    return json.loads((folder / "read.json").read_text()), before
+
+
+@pytest.mark.thorough
+def test_no_stage_reads_a_key_of_a_scene_that_would_run_nothing_again(read_of_a_scene):
+    read, before = read_of_a_scene
+    assert {"simulate", "reconstruct", "render", "metrics", "page"} <= read.keys()
+    assert "numerics.particle_spacing" in read["simulate"] and "output.image_size" in read["render"]
+    assert stale(read, before, digest.UNREAD) == set()
+
+
+@pytest.mark.parametrize("stage, key", [
+    ("reconstruct", "output.kernel"), ("metrics", "eye.side"), ("metrics", "title"), ("render", "label"),
+    ("metrics", "output.second_means"), ("index_run", "liquids.color"), ("simulate", "output.frame_interval")])
+@pytest.mark.thorough
+def test_a_key_that_is_left_out_of_a_digest_by_mistake_is_found(read_of_a_scene, stage, key):
+    unread = digest.UNREAD | {stage: (*digest.UNREAD[stage], key)}
+    assert any(found[0] == stage and found[1].startswith(key) for found in stale(*read_of_a_scene, unread))
+
+
+@pytest.mark.thorough
 def test_library_takes_what_has_been_made(finished, can_draw):
     dates = {path: path.stat().st_mtime_ns for path in finished.outputs("tiny").rglob("*.*")}
     run = pipeline.run("tiny", folder=finished.folder, want=["metrics.csv", "frames"], progress=False)
@@ -259,6 +358,7 @@ def test_notebook_runs_as_it_is_shown(finished, opengl):
     assert all(cell.outputs for cell in shown.cells[2:] if cell.cell_type == "code")
 
 
+@pytest.mark.thorough
 def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
     copy = Project(tmp_path)
     made = [path for name in ("outputs", ".snakemake") for path in (finished.folder / name).rglob("*")]
@@ -275,6 +375,7 @@ def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
     assert planned(output)["reconstruct"] == 2, output  # the second segment reads where oil came over the wall before
 
 
+@pytest.mark.thorough
 def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
     scene = scene_path("tiny", finished.folder / "config" / "scenes")
     before = scene.read_text()
@@ -289,6 +390,7 @@ def test_changed_scene_runs_only_what_it_concerns(finished, can_draw):
     assert plan["render"] == 2 * can_draw and plan["page"] == can_draw
 
 
+@pytest.mark.thorough
 def test_longer_scene_keeps_what_it_has(finished):
     scene = scene_path("tiny", finished.folder / "config" / "scenes")
     before = scene.read_text()
@@ -301,6 +403,7 @@ def test_longer_scene_keeps_what_it_has(finished):
     assert planned(output)["simulate"] == 2 and planned(output)["voxelize"] == 0
 
 
+@pytest.mark.thorough
 def test_resolved_scene_follows_its_file(project):
     resolved = project.outputs("tiny") / "scene.json"
     project.snakemake("outputs/tiny/draft/eye.vtp")
@@ -314,6 +417,7 @@ def test_resolved_scene_follows_its_file(project):
     assert (project.outputs("tiny") / "eye.vtp").stat().st_mtime_ns == date
 
 
+@pytest.mark.thorough
 def test_edited_code_runs_its_stages_again(finished, can_draw):
     code_folder = finished.own_code("pipeline")
     try:
@@ -329,6 +433,7 @@ def test_edited_code_runs_its_stages_again(finished, can_draw):
     assert plan["simulate"] == plan["reconstruct"] == plan["render"] == 0
 
 
+@pytest.mark.thorough
 def test_report_is_one_page(finished, can_draw):
     """Without a number of cores, as the README has it."""
     done = forked.run("snakemake", *targets(can_draw), "--report", "report.html", folder=finished.folder)
@@ -339,6 +444,7 @@ def test_report_is_one_page(finished, can_draw):
         assert "all on one page" in page and "eight moments" in page and "picture of frame" not in page
 
 
+@pytest.mark.thorough
 def test_killed_run_goes_on_to_the_same_frames(finished, project):
     """First the simulation alone is killed, then everything, both in the second segment."""
     target = "outputs/tiny/draft/frames/frames.pvd"
@@ -366,6 +472,7 @@ def test_killed_run_goes_on_to_the_same_frames(finished, project):
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.thorough
 def test_a_scene_ends_when_it_rests(project):
     """And what starts from it starts from there."""
     project.write_scene("resting", """extends: still_eye
@@ -399,6 +506,7 @@ output: {duration: 60 s, until_rest: true, frame_interval: 0.5 s, frames_per_seg
     assert code == 2 and f"{last}.json: is damaged" in output and TRACE not in output
 
 
+@pytest.mark.thorough
 def test_second_run_at_the_same_time_is_refused(finished, project):
     run = project.start("outputs/tiny/draft/frames/frames.pvd")
     log = (project.folder / "snakemake.log").read_text
@@ -415,6 +523,7 @@ def test_second_run_at_the_same_time_is_refused(finished, project):
     assert at_once.stderr == "error: outputs: another snakemake works in this folder; wait for its end\n"
 
 
+@pytest.mark.thorough
 def test_interrupted_run_ends_in_a_sentence(project):
     run = project.start("outputs/tiny/draft/frames/segment_000")
     log = (project.folder / "snakemake.log").read_text

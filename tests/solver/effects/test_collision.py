@@ -2,10 +2,10 @@
 import dataclasses
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
+from helpers import cavities
 from scipy.spatial import ConvexHull as Qhull
 from scipy.spatial import QhullError, cKDTree
 
@@ -101,6 +101,7 @@ def facets(points: np.ndarray) -> np.ndarray:
         return np.r_[np.zeros(points.shape[1]), 1.0][None]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_hull_agrees_with_qhull(dimension):
     rng = np.random.default_rng(dimension)
@@ -124,6 +125,7 @@ def test_hull_agrees_with_qhull(dimension):
         assert distance[n] == pytest.approx((gap / np.where(speed > 0.0, speed, 1e-300)).min(), abs=ROUND_OFF)
 
 
+@pytest.mark.thorough
 def test_hull_of_too_few_points_is_empty():
     probe = Probe(np.array([[0.0, 0.1], [0.2, 0.2]]), [np.array([[0.0, 0.0], [0.0, 1.0]]), np.zeros((0, 2))])
     probe.ask()

@@ -2,9 +2,9 @@
 import math
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.advice.report import report_of
 from pipeline.scenes.load import load_scene

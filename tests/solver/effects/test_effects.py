@@ -1,9 +1,10 @@
 """The contract over every effect, and what single effects do to given particles."""
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
-from effect_cases import ACTIVE, DROPLETS, INVISCID, RADIUS, THICK, THIN, ZERO
+from helpers import cavities
+from helpers.cases import thorough
+from helpers.effect_cases import ACTIVE, DROPLETS, INVISCID, RADIUS, THICK, THIN, ZERO
 
 from sim.effects import REGISTRY
 from sim.effects.cohesion import MEASURED, CohesionParameters
@@ -102,6 +103,7 @@ def cross(a, b):
 
 # Contract over every effect.
 
+@pytest.mark.thorough_cases("cohesion", "viscoelastic")
 @pytest.mark.parametrize("name", [name for name, effect in REGISTRY.items() if effect.overrides("pair_acceleration")])
 def test_pair_forces_cancel(solver, name):
     force = cavities.read(solver, "mass")[0][:, None] * pair_accelerations(solver, name)
@@ -117,6 +119,7 @@ def test_central_pair_forces_make_no_torque(solver, name):
     assert abs(torque.sum()) < 1e-13 * np.abs(torque).sum()
 
 
+@pytest.mark.thorough_cases("contact_line_emulsification", "drift", "interface_tension", "viscosity_implicit")
 @pytest.mark.parametrize("name", REGISTRY)
 def test_host_hooks_conserve_mass_momentum_and_volume(solver, name):
     """What an effect does to velocities and masses itself is an exchange within the liquid (walls slip freely)."""
@@ -138,6 +141,7 @@ def test_host_hooks_conserve_mass_momentum_and_volume(solver, name):
         assert not np.array_equal(cavities.read(solver, "velocity")[0], velocity)
 
 
+@pytest.mark.thorough_cases("gravity", "injection")
 @pytest.mark.parametrize("name", REGISTRY)
 def test_effect_that_is_off_allocates_no_field(bare, whole, name):
     added = {field.name for field in REGISTRY[name].fields}
@@ -217,6 +221,7 @@ def test_explicit_and_implicit_viscosity_agree(solver):
     np.testing.assert_allclose(implicit, explicit, rtol=0.0, atol=2e-3 * np.abs(explicit).max())
 
 
+@pytest.mark.thorough
 def test_rigid_rotation_feels_no_viscosity(solver):
     (position,) = cavities.read(solver, "position")
     solver.particles.from_numpy("velocity", position[:, ::-1] * [1.0, 1.0])
@@ -339,6 +344,7 @@ def viscous_matrix(request, taichi):
     return request.param, position, *matrices, (diagonal - mass) / VISCOUS_STEP
 
 
+@pytest.mark.thorough
 def test_viscous_matrix_is_symmetric_and_dissipates(viscous_matrix):
     _, _, free, stuck, _ = viscous_matrix
     for matrix in (free, stuck):
@@ -348,6 +354,7 @@ def test_viscous_matrix_is_symmetric_and_dissipates(viscous_matrix):
         assert values[0] > least * values[-1]
 
 
+@pytest.mark.thorough_cases("laplacian", "strain")
 def test_viscous_diagonal_is_that_of_the_matrix(viscous_matrix):
     *_, stuck, diagonal = viscous_matrix
     np.testing.assert_allclose(diagonal, np.diag(stuck).reshape(-1, 2).mean(axis=1), rtol=1e-9)
@@ -363,6 +370,7 @@ def test_rigid_motion_feels_no_force_by_a_viscous_form(viscous_matrix):
         assert np.abs(free @ np.tile(axis * SPACING, len(position))).max() < 1e-11 * strained
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", FORMS)
 def test_viscous_forms_agree_on_a_parabolic_profile(solver, form):
     """v = s^2 across s gives 2 mu per volume, for shear in any direction: strain to 2 %, Laplacian to 5 %.
@@ -383,6 +391,7 @@ def test_viscous_forms_agree_on_a_parabolic_profile(solver, form):
     assert np.mean(found) == pytest.approx(1.0, rel={"central": 0.01, "laplacian": 0.05, "strain": 0.01}[form])
 
 
+@pytest.mark.thorough
 def test_viscous_rows_are_those_of_the_chosen_form(whole):
     """The default allocates nothing of the strain form."""
     forms = [of_form(whole, form).form for form in FORMS]
@@ -454,6 +463,7 @@ def test_cohesion_pulls_the_surface_of_a_drop_inward(solver):
     assert inward[rim].mean() > 3.0 * np.abs(inward[distance < 1.5 * SPACING]).mean()
 
 
+@pytest.mark.thorough
 def test_strong_cohesion_fills_a_cavity_in_its_own_steps_and_is_told_where_longer_ones_crowd_it(monkeypatch):
     """Thin liquids: pairs that attract oscillate, and nothing but the step holds them."""
     thin = Liquid("aqueous", 1000.0, 1e-3), Liquid("oil", 970.0, 1e-3)
@@ -514,7 +524,7 @@ def pull(solver, name, contrast):
     return inward[rim].mean()
 
 
-@pytest.mark.parametrize("name", ["cohesion", "curvature", "interface_tension"])
+@pytest.mark.parametrize("name", ["cohesion", "curvature", thorough("interface_tension")])
 def test_tension_fades_as_the_liquids_mix(solver, name):
     """With the square of the contrast: a quarter at half of it (10 % of the sharp pull: disorder), none without any.
 
@@ -553,6 +563,7 @@ def stirred(solver):
 BASE = ("gravity", "viscosity_implicit")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("base", "liquids", "continued"), [
     ((), INVISCID, False), (BASE, (THIN, THICK, DROPLETS), True)], ids=["alone", "beside others, after mixing"])
 def test_zero_coefficients_equal_absence(circle, base, liquids, continued):
@@ -575,6 +586,7 @@ def test_zero_coefficients_equal_absence(circle, base, liquids, continued):
         np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_a_film_on_the_wall_keeps_its_own_viscosity(small_circle):
     """A layer of aqueous one particle thick, under oil a thousand times as viscous, slides as the thin liquid it is."""
@@ -588,6 +600,7 @@ def test_a_film_on_the_wall_keeps_its_own_viscosity(small_circle):
     np.testing.assert_array_equal(felt[film], cavities.AQUEOUS.dynamic_viscosity)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("liquid", [None, "oil"])
 def test_adhesion_pulls_its_liquid_to_the_wall(small_circle, liquid):
@@ -635,6 +648,7 @@ def set_fraction(solver, fraction):
     solver.particles.from_numpy("mass", cavities.read(solver, "volume")[0] * (fractions @ density))
 
 
+@pytest.mark.thorough
 def test_blob_spreads_at_the_rate_of_the_coefficient(diffusing):
     solver, ratio, tolerance = diffusing
     position, volume = cavities.read(solver, "position", "volume")
@@ -652,6 +666,7 @@ def test_blob_spreads_at_the_rate_of_the_coefficient(diffusing):
     assert found == pytest.approx(ratio * COEFFICIENT, rel=tolerance)
 
 
+@pytest.mark.thorough
 def test_step_becomes_an_error_function(diffusing):
     from scipy.special import erfc
     solver = diffusing[0]
@@ -665,6 +680,7 @@ def test_step_becomes_an_error_function(diffusing):
     assert np.abs(fraction - expected).max() < 0.06 and np.abs(fraction - expected).mean() < 0.01
 
 
+@pytest.mark.thorough
 def test_diffusion_conserves_and_stays_in_range(diffusing):
     """Also in one step far beyond the explicit limit, from a checkerboard, in moving liquid."""
     solver = diffusing[0]

@@ -1,9 +1,9 @@
 """Emulsification at the contact line: where droplets form, how many, and that nothing else changes."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.advice.report import report_of
 from pipeline.pictures.paint import OF_OIL
@@ -67,11 +67,13 @@ def started(solver):
     return solver
 
 
+@pytest.mark.thorough
 def test_contact_points_of_a_level_interface(solver):
     """A chord meets the circle twice; the kernel sees 19 particles of the layer or so per side (10 %)."""
     assert effect_of(solver).contact_line_length() == pytest.approx(2.0, rel=0.10)
 
 
+@pytest.mark.thorough
 def test_length_of_a_contact_circle():
     """A plane through a ball's center meets the wall in its equator; the layer there lies 0.7 dx inside on the average.
 
@@ -185,6 +187,7 @@ def flowing(circle):
     return emulsifying(circle, shear="flow", start=0.0, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], axis=-1))
 
 
+@pytest.mark.thorough
 def test_shed_in_proportion_to_the_shear_of_the_flow(flowing):
     rates = []
     for factor in (0.0, 1.0, 3.0):
@@ -196,6 +199,7 @@ def test_shed_in_proportion_to_the_shear_of_the_flow(flowing):
     assert rates[2] == pytest.approx(3.0 * rates[1], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_nothing_before_its_start_or_without_efficiency(flowing):
     effect = effect_of(flowing)
     effect.start({"volume_fraction"})
@@ -209,11 +213,13 @@ def test_nothing_before_its_start_or_without_efficiency(flowing):
     np.testing.assert_array_equal(fractions(flowing)[0], before)
 
 
+@pytest.mark.thorough
 def test_off_it_is_absent(circle):
     solver = cavities.build(circle, liquids=LIQUIDS)
     assert not any(name in solver.particles.arrays for name in ("volume_fraction", "wall_layer_weight"))
 
 
+@pytest.mark.thorough
 def test_solver_refuses_what_cannot_conserve(circle):
     with pytest.raises(ValueError, match="three liquids"):
         emulsifying(circle, droplets="oil")

@@ -1,16 +1,17 @@
 """The eye that turns: its movements, the forces in its frame, and the stress at its wall."""
 from types import SimpleNamespace
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
+from helpers.cases import thorough
 
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.measures.wall_shear import wall_shear_stress
-from pipeline.studies import turned_sphere
-from pipeline.study_kit.tank import Run
 from sim.effects.eye_rotation import EyeRotationParameters, Oscillation, Saccade
 from sim.settings import Liquid
+from studies.validation import turned_sphere
+from studies.validation.kit.tank import Run
 
 OUT = (0.0, 0.0, 1.0)  # axis in two dimensions
 WATER = Liquid("water", 1000.0, 0.0)
@@ -54,6 +55,7 @@ def test_head_turns_the_other_way_in_the_eye():
     np.testing.assert_allclose(rotation.into_eye(np.array([0.0, 0.0, 1.0]), 2.0), [-1.0, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_gravity_stays_with_the_head():
     arrays = cavities.cavity("circle", cavities.RADIUS)
@@ -66,7 +68,7 @@ def test_gravity_stays_with_the_head():
 
 
 @pytest.mark.usefixtures("anew")
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, thorough(3)])
 def test_liquid_at_rest_in_the_head_circles_in_the_eye(dimension):
     """It moves at -w x r there, and is accelerated to the axis by w^2 times its distance and by -dw/dt x r.
 
@@ -103,6 +105,7 @@ def test_stress_of_a_run_that_failed_is_no_number(monkeypatch):
     assert len(judged) == 4 and not any(row.holds for row in judged) and "went bad" in outcome.remarks[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 def test_liquid_without_viscosity_stays_behind():
     """In a round eye nothing drags it along: it turns back by the angle of the saccade, and rests again.
@@ -125,6 +128,7 @@ def test_liquid_without_viscosity_stays_behind():
     assert np.sqrt(np.mean(np.sum(velocity**2, axis=1))) < 0.03 * saccade.peak * cavities.RADIUS
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize("motion", ["oscillation", "saccade"])
 def test_liquid_in_a_turned_circle(motion):

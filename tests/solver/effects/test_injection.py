@@ -3,9 +3,9 @@ import dataclasses
 import math
 from pathlib import Path
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.simulation.runner import Runner, restore
 from sim.effects.injection import LARGEST, SMALLEST
@@ -27,11 +27,13 @@ def record(request, circle):
             if name.startswith("injection.")}, rounding
 
 
+@pytest.mark.thorough_cases("f32")
 def test_the_cavity_stays_full(record):
     steps, rounding = record
     np.testing.assert_allclose(steps["oil"] + steps["aqueous"], steps["cavity"], rtol=rounding)
 
 
+@pytest.mark.thorough_cases("f32")
 def test_oil_is_the_droplet_and_what_has_flowed(record):
     steps, rounding = record
     cavity, flow = steps["cavity"], FLOW * steps["cavity"]
@@ -43,6 +45,7 @@ def test_oil_is_the_droplet_and_what_has_flowed(record):
     np.testing.assert_allclose(steps["oil"][flowing], (droplet + flowed)[flowing], rtol=0.0, atol=rounding * cavity)
 
 
+@pytest.mark.thorough_cases("f32")
 def test_fill_is_reached_and_kept(record):
     steps, rounding = record
     after = steps["oil"] > (FILL - 1e-4) * steps["cavity"]
@@ -54,6 +57,7 @@ def test_fill_is_reached_and_kept(record):
     assert (steps["aqueous"][after][2:] == steps["aqueous"][-1]).all()
 
 
+@pytest.mark.thorough_cases("f32")
 def test_nothing_leaves_and_nothing_piles_up(record):
     steps, _ = record
     assert steps["radius"].max() < cavities.RADIUS
@@ -66,6 +70,7 @@ def test_nothing_leaves_and_nothing_piles_up(record):
     assert (steps["ids"] == steps["count"]).all()
 
 
+@pytest.mark.thorough_cases("f32")
 def test_flow_is_of_the_size_of_the_sources(record):
     """Far from the sources the liquid moves with about flow / (2 pi distance): no jet out of nothing."""
     steps, _ = record
@@ -75,6 +80,7 @@ def test_flow_is_of_the_size_of_the_sources(record):
     assert 0.1 * fastest < np.median(steps["speed"][flowing]) < 2.0 * fastest
 
 
+@pytest.mark.thorough
 def test_run_that_goes_on_from_amid_the_flow_gives_the_same_bits(circle):
     """What is summed must not depend on the order of the particles: a state that is taken up is sorted anew."""
     solver = cavities.injected(circle, "f64")
@@ -109,12 +115,14 @@ def injection_of(solver, **changes):
     return type(solver.effects[0])(dataclasses.replace(parameters, **changes), solver)
 
 
+@pytest.mark.thorough
 def test_draining_a_liquid_that_is_not_there_is_refused(mixed):
     injection = injection_of(mixed, liquid="aqueous", drained_liquid="oil", fill=1.0)
     with pytest.raises(RunError, match=r"no oil is left to exchange, lower effects\.injection\.fill"):
         injection.exchange(1e-3)
 
 
+@pytest.mark.thorough
 def test_fill_that_the_liquids_of_the_start_cannot_give_is_refused_before_anything_flows(mixed):
     """The cavity is full of aqueous but for the first droplet of oil."""
     with pytest.raises(RunError, match=r"aqueous holds 100 % of the cavity before anything flows, more than the 50 %"):
@@ -126,6 +134,7 @@ def test_fill_that_the_liquids_of_the_start_cannot_give_is_refused_before_anythi
     mixed.particles.from_numpy("phase", phase)
 
 
+@pytest.mark.thorough
 def test_flow_waits_for_its_start(mixed):
     before = mixed.state()
     injection_of(mixed, start=1.0).exchange(1e-3)
@@ -150,6 +159,7 @@ def test_injection_begins_anew_in_a_scene_that_starts_from_another(mixed):
     assert not injection.finished
 
 
+@pytest.mark.thorough
 def test_droplet_is_placed_where_the_liquid_is_elsewhere(mixed):
     """Oil on the far side of the cavity is not what a cannula feeds."""
     before = mixed.state()

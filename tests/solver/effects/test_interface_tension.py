@@ -1,7 +1,7 @@
 """Interface tension: pressure jump of drops, currents that die away, and the contact angle at the wall."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.effects import REGISTRY
 from sim.effects.parts.level_set import SPLAT_RADIUS
@@ -161,6 +161,7 @@ def test_liquid_of_sixty_degrees_climbs_the_wall():
     assert 0.35 * final < meniscus(solver, 0.5 * BOX[0]) < 1.1 * final
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_jump_at_a_particle_is_the_mean_over_all_points_of_the_interface_in_reach(dimension):
     """(I7) with every point: the bins that points are sorted into leave none out."""
@@ -186,6 +187,7 @@ def test_the_jump_at_a_particle_is_the_mean_over_all_points_of_the_interface_in_
     np.testing.assert_allclose(jump, expected, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_force_of_the_jump_is_its_gradient_and_no_thin_shell(dimension):
     """grad M by central differences; and M of a heavy drop, whose weight tilts it, changes over the whole drop.
@@ -236,6 +238,7 @@ def test_tension_leaves_a_small_drop_its_buoyancy(dimension):
     assert np.linalg.norm(((volume * weight)[:, None] * force).sum(axis=0)) < 0.01 * buoyancy
 
 
+@pytest.mark.thorough
 def test_a_drop_of_one_particle_rises(circle):
     """Smaller than the level set can see: it has its buoyancy, 0.34 m/s2, as without tension (2.4 mm in 0.3 s)."""
     effects = (cavities.parameters("gravity"), cavities.parameters("interface_tension", coefficient=0.04))
@@ -249,6 +252,7 @@ def test_a_drop_of_one_particle_rises(circle):
     assert 1e-3 < height() - start < 5e-3
 
 
+@pytest.mark.thorough
 def test_nothing_looks_like_an_interface_far_from_it(circle):
     """At first nodes at the wall that no particle is next to have to take the side of the liquid around."""
     height = 0.3 * cavities.RADIUS
@@ -287,6 +291,7 @@ def level_set():
     return next(effect for effect in solver.effects if effect.name == "interface_tension").level_set, solver
 
 
+@pytest.mark.thorough
 def test_nodes_behind_the_wall_do_not_depend_on_their_order(level_set):
     """Their images lie between each other; with a thread each, what one reads must not depend on who was first."""
     level_set, _ = level_set
@@ -307,6 +312,7 @@ def test_nodes_behind_the_wall_do_not_depend_on_their_order(level_set):
     assert np.array_equal(values(), forward)
 
 
+@pytest.mark.thorough
 def test_sums_at_the_nodes_are_those_of_all_particles_in_reach(level_set):
     """Whatever column of cells they lie in: the weights of a lattice of nodes against a sum over all particles."""
     level_set, solver = level_set
@@ -351,6 +357,7 @@ def test_implicit_viscosity_allows_larger_steps_of_the_tension():
     assert squared * found**2 < 4.0 + 4.0 * viscosity * wave_number**2 / density * found
 
 
+@pytest.mark.thorough
 def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosity():
     """As in small steps all the way, and it keeps the pressure jump of Laplace: rough labels of the start smooth out.
 
@@ -382,6 +389,7 @@ def test_a_viscous_drop_comes_to_rest_in_steps_larger_than_those_without_viscosi
     assert falling[-1] < 0.4 * falling[0] and (np.diff(speed[-30:]) < 0.0).all()
 
 
+@pytest.mark.thorough
 def test_contact_angle_is_read_when_kernels_run():
     arrays = cavities.cavity("box", BOX)
 

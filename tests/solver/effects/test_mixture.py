@@ -3,13 +3,13 @@
 Short versions of the families `diffusion`, `sedimentation` and `drift_drag` of the study `validation`.
 Particles do not move where nothing else is said.
 """
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
-from pipeline.studies import diffusion, drift_drag, mixing_bounds, sedimentation
 from sim.errors import RunError
 from sim.settings import Liquid
+from studies.validation import diffusion, drift_drag, mixing_bounds, sedimentation
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -50,6 +50,7 @@ def test_fronts_of_a_settling_mixture():
     all_hold(sedimentation.run(sedimentation.Parameters(resolutions=(40,), tolerance=0.08)))
 
 
+@pytest.mark.thorough
 def test_slip_with_drag_for_any_time_step():
     """Exact for dt/tau from 1e-3 to 1e3; linear growth where there is no drag yet; both forms, one limit."""
     all_hold(drift_drag.run(drift_drag.Parameters(resolutions=(8,))))
@@ -72,6 +73,7 @@ def drift_of(solver):
     return next(effect for effect in solver.effects if effect.name == "drift")
 
 
+@pytest.mark.thorough
 def test_droplets_move_through_the_continuous_liquid_only(emulsion):
     """They rise in water and collect below the oil, of which no particle changes."""
     solver, (position, volume, fraction) = emulsion
@@ -89,6 +91,7 @@ def test_droplets_move_through_the_continuous_liquid_only(emulsion):
     assert after[top, 2].min() > 0.02 and after[position[:, 1] < -5e-3, 2].max() < 0.005
 
 
+@pytest.mark.thorough
 def test_no_slip_in_free_fall(emulsion):
     """Droplets feel g - Dv/Dt: liquid that falls freely does not separate."""
     solver, (_, _, fraction) = emulsion

@@ -10,8 +10,6 @@ from sim import effects, schemes
 PACKAGES = {"effects": effects.REGISTRY, "schemes": schemes.REGISTRY}
 NAMES = {name: folder for folder, registry in PACKAGES.items() for name in registry}
 REGISTRIES = ("sim/effects/__init__.py", "sim/schemes/__init__.py")
-# Studies are about effects and schemes: they ask for the ones that they study.
-STUDIES = ("pipeline/studies/", "pipeline/study_kit/hard_cases.py")
 # File and name that it may know, with the reason.
 ALLOWED = {
     # One physics in two forms: one is replaced by the other where that is cheaper.
@@ -51,9 +49,10 @@ def in_module(module: str) -> set[str]:
 
 def files() -> list[Path]:
     found = [path for package in ("pipeline", "sim") for path in (ROOT / package).rglob("*.py")]
-    return [path for path in found if not str(path.relative_to(ROOT)).startswith((*STUDIES, *REGISTRIES))]
+    return [path for path in found if not str(path.relative_to(ROOT)).startswith(REGISTRIES)]
 
 
+@pytest.mark.thorough
 def test_no_other_file_knows_an_effect_or_a_scheme_by_name():
     known = {(str(path.relative_to(ROOT)), name) for path in files() for name in known_in(path.read_text())
              if not (path.stem == name and path.parent.name in PACKAGES)}

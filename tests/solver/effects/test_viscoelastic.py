@@ -1,8 +1,8 @@
 """Maxwell liquids against exact solutions, and what their forces keep."""
-import cavities
 import numpy as np
 import pytest
 import taichi as ti
+from helpers import cavities
 from scipy.optimize import curve_fit
 
 from sim.effects.viscoelastic import ElasticLiquid, Viscoelastic, ViscoelasticParameters
@@ -38,6 +38,7 @@ def gel(periodic):
     return solver
 
 
+@pytest.mark.thorough
 def test_shear_wave_swings_and_decays_as_maxwell_has_it(gel):
     """v'' + v'/lambda + (M/rho) k^2 v = 0: frequency to 3 % (the kernel blunts a wave of 24 spacings by 2 %)."""
     (position,) = cavities.read(gel, "position")
@@ -59,6 +60,7 @@ def test_shear_wave_swings_and_decays_as_maxwell_has_it(gel):
     assert np.abs(found - exact(time, frequency, relaxation)).max() < 0.04  # a step of 1/40 of a period
 
 
+@pytest.mark.thorough
 def test_stress_at_rest_relaxes_exponentially(gel):
     """T = T_0 exp(-t/lambda), exact in every step; an even stress moves nothing."""
     stress = np.array([[0.4, 1.0], [1.0, -0.4]])

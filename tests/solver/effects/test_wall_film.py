@@ -1,9 +1,9 @@
 """Films on the wall: how fast they slide off, what an exchange of places keeps, and where nothing may happen."""
 import math
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.settings import Liquid
 

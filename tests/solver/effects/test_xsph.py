@@ -1,15 +1,15 @@
 """XSPH viscosity: momentum, energy, the viscosity that a coefficient stands for, walls, and what it costs in steps."""
 import dataclasses
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_scene
-from pipeline.studies import shear_wave
 from sim.effects.xsph import Xsph, kinematic_viscosity
 from sim.settings import Liquid
+from studies.validation import shear_wave
 
 pytestmark = pytest.mark.usefixtures("anew")
 SPACING = cavities.SPACING
@@ -26,6 +26,7 @@ def drop(values, **more):
         phase=lambda x: x[:, 0] > 0.0, velocity=lambda x: 0.2 * rng.normal(size=x.shape), **more)
 
 
+@pytest.mark.thorough_cases("own viscosity")
 @MODES
 def test_momentum_stays_and_energy_falls(values):
     """Unequal volumes and masses: k_ij = k_ji, so that sum m_i v_i changes by rounding alone."""
@@ -42,6 +43,7 @@ def test_momentum_stays_and_energy_falls(values):
     assert mass @ (after**2).sum(axis=1) < mass @ (before**2).sum(axis=1)
 
 
+@pytest.mark.thorough
 @MODES
 def test_free_drop_keeps_its_momentum(values):
     solver = drop(values)
@@ -51,6 +53,7 @@ def test_free_drop_keeps_its_momentum(values):
     assert np.abs(cavities.momentum(solver) - start).max() < 1e-12 * mass
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kernel", "viscosity"), [("wendland_c2", "coefficient"), ("cubic_spline", "coefficient"),
                                                    ("wendland_c2", "own")])
 def test_shear_wave_decays_as_the_viscosity_has_it(kernel, viscosity):
@@ -61,6 +64,7 @@ def test_shear_wave_decays_as_the_viscosity_has_it(kernel, viscosity):
     assert row.value == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.thorough
 def test_liquid_that_moves_as_a_whole_is_not_braked():
     solver = drop({"coefficient": 0.5})
     solver.particles.from_numpy("velocity", np.full((solver.count[None], 2), 0.3))
@@ -68,6 +72,7 @@ def test_liquid_that_moves_as_a_whole_is_not_braked():
     assert (cavities.read(solver, "velocity")[0] == 0.3).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("values", [{"coefficient": 0.2}, pytest.param({}, marks=pytest.mark.slow)])
 def test_wall_holds_the_liquid_where_it_does_not_slip(values):
     speed = {}
@@ -85,6 +90,7 @@ def test_wall_holds_the_liquid_where_it_does_not_slip(values):
     assert 0.0 < speed["no_slip"] < 0.05
 
 
+@pytest.mark.thorough
 def test_own_viscosity_limits_the_step_and_a_coefficient_does_not():
     """At the limit the viscosity of the stiffest liquid is a coefficient of 0.5."""
     solver = drop({})

@@ -1,10 +1,11 @@
 """Divergence-free SPH: weight, momentum, convergence of both solves, restarts, a dam that breaks, every effect."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import GRAVITY, assert_runs, dam, dam_front, depth_and_weight, drop, full_box, still_tank
+from helpers import cavities
+from helpers.cases import thorough
+from helpers.free_surface import GRAVITY, assert_runs, dam, dam_front, depth_and_weight, drop, full_box, still_tank
 
 from sim.effects import REGISTRY
 from sim.schemes.dfsph import DFSPH, DFSPHParameters
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 HEIGHT = 0.02
 
 
-@pytest.mark.parametrize(("ratio", "form"), [(1.0, "mass"), (0.5, "mass"), (0.5, "volume")],
+@pytest.mark.parametrize(("ratio", "form"), [(1.0, "mass"), thorough(0.5, "mass"), thorough(0.5, "volume")],
                          ids=["1.0", "0.5", "0.5-volume"])
 def test_mean_pressure_is_the_weight_of_what_lies_above(ratio, form):
     """The pressure of a particle carries the noise of the method; its mean over time and layer is the weight.
@@ -40,6 +41,7 @@ def test_mean_pressure_is_the_weight_of_what_lies_above(ratio, form):
     assert (density / (1000.0 if form == "volume" else mass / volume)).max() < (1.05 if smeared else 1.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("dimension", "form"), [(2, "mass"), (3, "mass"), (2, "volume")])
 def test_free_drop_keeps_its_momentum(dimension, form):
     liquids = (Liquid("heavy", 1000.0, 1e-3), Liquid("light", 500.0, 1e-3))
@@ -103,6 +105,7 @@ def breaking():
     return cavities.shared(broken)
 
 
+@pytest.mark.thorough
 def test_both_solves_keep_their_tolerances(breaking):
     _, record = breaking
     for statistics in record:
@@ -115,12 +118,14 @@ def test_both_solves_keep_their_tolerances(breaking):
     assert sum(statistics["pressure_limit_hit"] for statistics in record) < 0.05 * len(record)
 
 
+@pytest.mark.thorough
 def test_pressure_only_pushes(breaking):
     solver, _ = breaking
     (pressure,) = cavities.read(solver, "pressure")
     assert pressure.min() == 0.0 and pressure.max() > 0.0
 
 
+@pytest.mark.thorough
 def test_dam_loses_energy(breaking):
     """A step much shorter than the others must not shed the standing error of the density at a high speed."""
     solver, _ = breaking
@@ -152,6 +157,7 @@ def test_restart_is_bit_identical(breaking):
         np.testing.assert_array_equal(values, end[name], err_msg=name)
 
 
+@pytest.mark.thorough
 def test_relaxation_falls_with_the_support():
     """Two over the largest eigenvalue is the limit of stability, and the eigenvalue grows with the neighbors."""
     narrow = drop("dfsph", 2, support_ratio=2.0, kernel="cubic_spline").scheme.relaxation[None]
@@ -159,6 +165,7 @@ def test_relaxation_falls_with_the_support():
     assert 0.2 < wide < narrow < 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_every_effect_runs(dimension):
     solver = full_box("dfsph", dimension, [name for name in REGISTRY if name not in DFSPH.refuses])

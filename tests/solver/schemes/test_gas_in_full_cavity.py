@@ -1,10 +1,10 @@
 """Gas beside water in a full cavity: pressures shared by density (P13)."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from cavities import build, cavity, parameters
+from helpers import cavities
+from helpers.cavities import build, cavity, parameters
 
 from sim.schemes.volume_incompressible import SOFTENED
 from sim.settings import Liquid
@@ -22,6 +22,7 @@ def tank(shape: str, density: float, phase=lambda x: x[:, 1] > 0.0):
                  liquids=(WATER, Liquid("gas", density, 0.0)), support_ratio=3.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("density", [100.0, 10.0, 1.0])
 @pytest.mark.parametrize("shape", ["box", "circle"])
 def test_gas_above_water_stays_at_rest(shape, density):

@@ -1,7 +1,7 @@
 """Two layers at rest: the pressure of their weight, and hardly any motion."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 from scipy.spatial import cKDTree
 
 from sim.settings import Liquid
@@ -34,6 +34,7 @@ def tank(request):
     return solver, request.param, height, cavities.run(solver, end, cavities.root_mean_square_speed)
 
 
+@pytest.mark.thorough_cases("circle-0.5-level_set", "circle-0.965")
 def test_pressure_is_the_weight_of_what_lies_above(tank):
     solver, (_, ratio, *_), height, _ = tank
     state = solver.snapshot()
@@ -46,6 +47,7 @@ def test_pressure_is_the_weight_of_what_lies_above(tank):
     assert np.abs(error).max() < 0.08 * 1000.0 * GRAVITY * height
 
 
+@pytest.mark.thorough_cases("circle-0.5-level_set", "circle-0.965")
 def test_liquid_stays_at_rest(tank):
     _, (kind, ratio, _, interface), height, speed = tank
     allowed = 1e-3 if interface else AT_LABELS.get((kind, ratio), 1e-3)
@@ -54,6 +56,7 @@ def test_liquid_stays_at_rest(tank):
     assert speed[-1] < allowed * np.sqrt(GRAVITY * height)
 
 
+@pytest.mark.thorough
 def test_layers_stay_apart_and_particles_in_place(tank):
     solver, _, _, _ = tank
     position, phase, compression = cavities.read(solver, "position", "phase", "compression_rate")

@@ -1,7 +1,8 @@
 """Position-based fluids: volume, momentum, layers, pressure, dam break and walls."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
+from helpers.cases import thorough
 from scipy.spatial import ConvexHull, cKDTree
 
 from sim.effects import REGISTRY
@@ -52,11 +53,13 @@ def still(taichi):
     return *settled(solver), solver.snapshot()["position"][:, 1] + 0.5 * HEIGHT * SPACING
 
 
+@pytest.mark.thorough
 def test_column_keeps_its_volume(still):
     """1 % from the lattice, as the study `validation` asks for."""
     assert abs(still[0] - 1.0) < 0.01
 
 
+@pytest.mark.thorough
 def test_density_of_the_paper_loses_a_fifth():
     """1.25 particles per dx^2 [pbf, section Initialization] are reached at 80 %.
 
@@ -74,6 +77,7 @@ def test_multipliers_are_the_hydrostatic_pressure(still):
     assert np.polyfit(y, pressure, 1)[0] == pytest.approx(-1000.0 * GRAVITY, rel=0.06)
 
 
+@pytest.mark.thorough
 def test_two_layers_stay_layers():
     solver = column(liquids=(WATER, LIGHT))
     volume, _ = settled(solver)
@@ -84,7 +88,7 @@ def test_two_layers_stay_layers():
 
 
 @pytest.mark.parametrize("values", [
-    {}, {"artificial_pressure": 0.1}, pytest.param({"acceleration": 0.0}, marks=pytest.mark.slow)],
+    {}, thorough({"artificial_pressure": 0.1}), pytest.param({"acceleration": 0.0}, marks=pytest.mark.slow)],
     ids=lambda values: next(iter(values), "default"))
 def test_free_drop_keeps_its_momentum(values):
     """Two liquids 1:2 that meet far from any wall: sum m_i dx_i = 0 to the round-off of double precision."""
@@ -116,6 +120,7 @@ def dam(walls="particles", columns=16):
     return solver, corner, width, np.sqrt(0.5 * width / GRAVITY)
 
 
+@pytest.mark.thorough
 def test_dam_break_front():
     """Martin & Moyce (1952), a = 2.25 in; computed fronts run ahead of a gate that takes time to open."""
     solver, corner, width, unit = dam()
@@ -141,6 +146,7 @@ def test_particles_stick_where_positions_are_clamped():
     assert stuck["clamp"] > 4.0 * stuck["particles"], stuck
 
 
+@pytest.mark.thorough
 def test_column_in_space():
     solver = column(dimension=3)
     cavities.run(solver, 0.1)
@@ -182,6 +188,7 @@ def roundness(position):
     return radius.std() / radius.mean()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("gamma", [0.5, pytest.param(8.0, marks=pytest.mark.slow)])
 def test_cohesion_rounds_a_square(gamma):
     """In steps of its own limit, 16 times the strength does no more than that: a drop, nothing torn off."""
@@ -195,6 +202,7 @@ def test_cohesion_rounds_a_square(gamma):
     assert np.abs(cavities.momentum(solver)).max() < 1e-12 * scale * np.abs(velocity).max()
 
 
+@pytest.mark.thorough
 def test_a_square_without_cohesion_stays_one():
     solver = free()
     (before,) = cavities.read(solver, "position")
@@ -219,6 +227,7 @@ def test_adhesion_draws_a_drop_out():
     assert width[0] + 1.0 < width[1] and width[1] + 1.0 < width[2], width
 
 
+@pytest.mark.thorough
 def test_equality_clumps_and_artificial_pressure_parts():
     """[pbf, eq. 7; macklin2013, eq. 13]: a surface that pulls draws particles together; s_corr keeps them apart."""
     least = {}
@@ -232,6 +241,7 @@ def test_equality_clumps_and_artificial_pressure_parts():
     assert least["inequality"] > 0.999 and least["equality"] < 0.3 and least["corrected"] > 0.5
 
 
+@pytest.mark.thorough
 def test_constraint_is_the_same_in_a_full_cavity(circle):
     """There both are the equality about the mean, bit by bit."""
     states = []

@@ -1,14 +1,15 @@
 """The start of a run: what the packing of a full cavity has left does not become motion."""
 import math
 
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
+from helpers.cases import thorough
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-@pytest.mark.parametrize("scheme", ["volume_incompressible", "dfsph", "position_based"])
+@pytest.mark.parametrize("scheme", [thorough("volume_incompressible"), "dfsph", "position_based"])
 def test_liquid_at_rest_stays_there_in_steps_as_short_as_a_stiff_effect_asks_for(circle, scheme):
     """Less than a fifth of the speed that has a hundredth of the energy of the weight.
 
@@ -24,6 +25,7 @@ def test_liquid_at_rest_stays_there_in_steps_as_short_as_a_stiff_effect_asks_for
     assert max(speeds) < 0.2 * math.sqrt(2.0 * 0.01 * 9.81 * 2.0 * cavities.RADIUS)
 
 
+@pytest.mark.thorough
 def test_velocities_of_the_start_are_kept(circle):
     """By the position-based scheme too, which moves a packed set onto its constraints before the first step."""
     def turning(x):

@@ -1,8 +1,8 @@
 """Pressure and viscosity as one step: oil in long steps, and what stands for viscosity in the pressure."""
-import cavities
 import numpy as np
 import pytest
-from cavities import SPACING
+from helpers import cavities
+from helpers.cavities import SPACING
 
 from sim.settings import Liquid
 

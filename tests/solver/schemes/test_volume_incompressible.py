@@ -1,7 +1,7 @@
 """Volume-incompressible SPH in a full cavity: the pressure that moving liquid carries from step to step."""
-import cavities
 import numpy as np
 import pytest
+from helpers import cavities
 
 from sim.schemes.volume_incompressible import SOFTENED
 
@@ -9,6 +9,7 @@ pytestmark = pytest.mark.usefixtures("anew")
 STEP = 1e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("travel", "least", "most"), [
     (0.0, 1.0, 1.0),  # at rest nothing is lost: viscous liquid builds its pressure up step by step
     (0.1 * SOFTENED, 0.98, 1.0),  # a share of 0.01 is lost, as it grows with the square of the way

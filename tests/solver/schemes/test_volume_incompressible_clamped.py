@@ -1,10 +1,11 @@
 """Volume-incompressible SPH with pressures p >= 0: free surfaces."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import (
+from helpers import cavities
+from helpers.cases import thorough
+from helpers.free_surface import (
     GRAVITY,
     assert_bounded,
     assert_runs,
@@ -35,7 +36,7 @@ def test_a_free_surface_chooses_the_pressures(closed, expected):
     assert VolumeIncompressible.variant(settings) is expected
 
 
-@pytest.mark.parametrize("ratio", [1.0, 0.5, 0.01, 0.001])
+@pytest.mark.parametrize("ratio", [1.0, thorough(0.5), thorough(0.01), 0.001])
 def test_pressure_below_a_free_surface_is_the_weight_above(ratio):
     """Measured: 1 % at 1:2, 0.3 % at 1:100, 0.4 % at 1:1000; 0.6, 0.1 and 0.2 % at 40 spacings."""
     solver = still_tank(SCHEME, HEIGHT, 20, ratio, support_ratio=3.0)
@@ -44,6 +45,7 @@ def test_pressure_below_a_free_surface_is_the_weight_above(ratio):
     assert cavities.root_mean_square_speed(solver) < 0.01 * math.sqrt(GRAVITY * HEIGHT)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("constant_volume", ["position", "velocity"])
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_free_drop_keeps_its_momentum(dimension, constant_volume):
@@ -59,6 +61,7 @@ def test_free_drop_keeps_its_momentum(dimension, constant_volume):
     assert np.abs(position.mean(0) - center - solver.time * start / mass.sum()).max() < 1e-10 * HEIGHT
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["jacobi", "accelerated_jacobi"])
 def test_both_iterations_reach_the_tolerance_and_report_the_limit(method):
     given = VolumeIncompressibleParameters(pressure_method=method)
@@ -72,6 +75,7 @@ def test_both_iterations_reach_the_tolerance_and_report_the_limit(method):
     assert limited.statistics["pressure_limit_hit"] == 1.0 and limited.statistics["divergence_iterations"] == 2
 
 
+@pytest.mark.thorough
 def test_solve_whose_relaxation_became_too_large_measures_it_anew():
     """As when a splash meets a light liquid: the matrix of one step says little about that of a later one."""
     solver = dam(SCHEME, 8, maximum_iterations=2000, pressure_tolerance=1e-6)
@@ -84,6 +88,7 @@ def test_solve_whose_relaxation_became_too_large_measures_it_anew():
     assert method.eigenvalue[None] == pytest.approx(largest, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_momentum_of_the_iteration_pays():
     """From a cold start the accelerated iteration needs less than half as many steps."""
     needed = {}
@@ -96,6 +101,7 @@ def test_momentum_of_the_iteration_pays():
     assert needed["accelerated_jacobi"] < 0.5 * needed["jacobi"]
 
 
+@pytest.mark.thorough
 def test_breaking_dam_gains_no_energy():
     solver = dam(SCHEME, 8)
     bottom = solver.particles.to_numpy("position")[:, 1].min()
@@ -116,6 +122,7 @@ def test_dam_break_follows_the_experiment():
     assert (front / experiment > 1.0).all() and (front / experiment < 1.3).all()
 
 
+@pytest.mark.thorough
 def test_restart_is_bit_identical():
     solver = dam(SCHEME, 6)
     for _ in range(110):  # past the second measurement of the eigenvalue
@@ -133,10 +140,12 @@ def test_restart_is_bit_identical():
 RUN = [name for name in REGISTRY if name not in VolumeIncompressibleClamped.refuses]
 
 
+@pytest.mark.thorough
 def test_every_effect_runs_in_three_dimensions():
     assert_runs(full_box(SCHEME, 3, RUN, light=LIGHT), 0.12)  # 0.06
 
 
+@pytest.mark.thorough
 def test_every_effect_runs_and_the_number_of_threads_changes_no_bit():
     restart(threads=2)
     solver = full_box(SCHEME, 2, RUN, light=LIGHT)
@@ -150,6 +159,7 @@ def test_every_effect_runs_and_the_number_of_threads_changes_no_bit():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", RUN)
 def test_every_effect_runs_alone(name):
     assert_bounded(full_box(SCHEME, 2, [name], light=LIGHT), 0.2)

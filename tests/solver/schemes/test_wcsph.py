@@ -1,10 +1,20 @@
 """Weakly compressible SPH: weight, momentum, restarts, speed of sound, a dam that breaks, every effect."""
 import math
 
-import cavities
 import numpy as np
 import pytest
-from free_surface import GRAVITY, WATER, assert_runs, dam, dam_front, drop, full_box, hydrostatic_error, still_tank
+from helpers import cavities
+from helpers.free_surface import (
+    GRAVITY,
+    WATER,
+    assert_runs,
+    dam,
+    dam_front,
+    drop,
+    full_box,
+    hydrostatic_error,
+    still_tank,
+)
 
 from sim.effects import REGISTRY
 from sim.schemes.wcsph import MACH, WCSPH, WCSPHParameters
@@ -14,6 +24,7 @@ pytestmark = pytest.mark.usefixtures("anew")
 HEIGHT = 0.02
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ratio", [1.0, 0.5])
 def test_pressure_is_the_weight_of_what_lies_above(ratio):
     """Measured at 20 spacings after 5 sqrt(H/g): 0.8 % and 0.7 % of rho g H, speeds 5e-3 of sqrt(g H)."""
@@ -24,6 +35,7 @@ def test_pressure_is_the_weight_of_what_lies_above(ratio):
     assert (solver.distance.at(solver.particles.to_numpy("position")) < 0.0).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("dimension", "density"), [(2, "continuity"), (3, "summation")])
 def test_free_drop_keeps_its_momentum(dimension, density):
     solver = drop("wcsph", dimension, scheme_parameters=WCSPHParameters(density=density))
@@ -35,6 +47,7 @@ def test_free_drop_keeps_its_momentum(dimension, density):
     assert solver.statistics["wall_contacts"] == 0.0
 
 
+@pytest.mark.thorough
 def test_diffusion_of_the_density_conserves_mass():
     """Without a flow the diffusion only exchanges mass between particles, of two liquids too."""
     solver = drop("wcsph", 2, liquids=(WATER, Liquid("light", 500.0, 1e-3)), phase=lambda x: x[:, 0] > 0.0,
@@ -91,6 +104,7 @@ def test_restart_is_bit_identical():
         np.testing.assert_array_equal(again.state()[name], values, err_msg=name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_every_effect_runs(dimension):
     solver = full_box("wcsph", dimension, [name for name in REGISTRY if name not in WCSPH.refuses])

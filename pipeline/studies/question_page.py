@@ -1,0 +1,180 @@
+"""A page that answers one question of a surgeon, to be read in two minutes.
+
+Every page says the same things in the same order: that it is no advice, the answer in one sentence, one picture, one
+table, what the answer rests on, and what its words mean. A file `<report>_page.py` of `studies` writes the page of
+the studies with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a
+folder and returns the parts of the page.
+"""
+import csv
+import dataclasses
+import io
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from pipeline.base import page
+from pipeline.base.canvas import empty_figure
+from pipeline.base.errors import UserError
+from pipeline.base.files import replacing
+from pipeline.base.words import NO_ADVICE
+from pipeline.studies.guests import guest, page_modules
+from pipeline.studies.model import Outcome
+
+DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
+# What words mean, for readers who compute nothing.
+WORDS = {
+    "touched": "the oil (or gas) reaches the retina. A film of aqueous micrometers thin, which real oil may leave, "
+               "is in no computation here.",
+    "interface": "where oil and aqueous meet inside the eye.",
+    "contact line": "where the interface meets the wall: the edge of what the oil touches.",
+    "contact angle": "between interface and wall, through the aqueous. It is small, since the wall likes aqueous more "
+                     "than oil: aqueous creeps under the edge of the oil.",
+    "tension": "pulls the oil into a ball, while its weight in aqueous flattens it. In an eye both are about as "
+               "strong, so that the face of the oil is round, not level as that of gas.",
+    "at rest": "when weight, tension and wetting are in balance (the shape of least energy). Oil comes to rest within "
+               "seconds to a minute after a movement.",
+    "points": "differences of percentages: 64 in place of 67 % are 3 points.",
+    "grid": "shapes at rest are computed as distances in many directions from one point, as a picture is of pixels.",
+    "particles": "simulations follow the liquids as thousands of small parcels (smoothed particle hydrodynamics), "
+                 "which push and drag their neighbors. Nothing smaller than such a parcel is seen.",
+    "stress": "drag along the retina, force over area, in pascals: 133 Pa are 1 mmHg, but along the wall, not onto it.",
+    "capillary number": "viscosity times speed over tension. Far below 1, tension decides how the oil breaks up, and "
+                        "the viscosity does not matter.",
+    "ppm": "parts in a million of the volume: in a cavity of 5 mL 1 ppm is 5 nL, nearly three million droplets of 1.5 "
+           "micrometers.",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class QuestionPage:
+    """What a page says.
+
+    Attributes
+    ----------
+    headline : the answer, one sentence.
+    description : what was asked.
+    picture, picture_words, caption : PNG, what it shows in words, and sentences below it.
+    title, heads, rows, marked, note : the table, and sentences below it.
+    more : parts between the table and what the answer rests on.
+    assumed, validated, not_validated : sentences; those of ``validated`` carry numbers and links.
+    words : of ``WORDS``, that the page explains.
+    """
+
+    headline: str
+    description: str
+    picture: bytes
+    picture_words: str
+    caption: Sequence[str]
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: Sequence[str]
+    assumed: Sequence[str]
+    validated: Sequence[str]
+    not_validated: str
+    words: Sequence[str]
+    more: Sequence[str] = ()
+    marked: Sequence[int] = ()
+
+    def parts(self) -> list[str]:
+        """Return the parts of the page."""
+        return [
+            page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
+            page.paragraph(page.bold(self.headline)),
+            page.paragraph(self.description),
+            page.picture(self.picture, self.picture_words),
+            page.paragraph(*self.caption),
+            page.section(self.title),
+            page.table(self.heads, self.rows, words=(0,), marked=self.marked),
+            page.paragraph(*self.note),
+            *self.more,
+            page.section("What was assumed"),
+            page.bullets(self.assumed),
+            page.section("What was validated, and what was not"),
+            page.bullets([*self.validated, page.joined(page.bold("Not validated:"), self.not_validated)]),
+            page.section("Words"),
+            page.bullets([page.joined(page.bold(f"{word}:"), WORDS[word]) for word in self.words]),
+        ]
+
+
+def link_to(document: str) -> str:
+    """Return a link from the page of a study to a page of the documents, such as "results/eye.md"."""
+    return page.link(f"docs/{document}", f"{DOCS}/{document}")
+
+
+def joined_tables(outcomes: Sequence[Outcome], name: str) -> tuple[list[str], list[list[str]]]:
+    """Return heads and lines of a table that several cases have lines of.
+
+    Raises
+    ------
+    UserError : no case has any.
+    """
+    tables = [outcome.tables[name] for outcome in outcomes if name in outcome.tables]
+    if not tables:
+        raise UserError(f"no case has a result for the table {name} yet; run the study, and see what its cases say")
+    return tables[0][0], [line for table in tables for line in table[1:]]
+
+
+def table_rows(outcomes: Sequence[Outcome], name: str) -> list[dict[str, str]]:
+    """Return the lines of a table that several cases have lines of, as mappings from heads to cells."""
+    heads, lines = joined_tables(outcomes, name)
+    return [dict(zip(heads, line, strict=True)) for line in lines]
+
+
+def write_csv(path: Path, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
+    """Write a table."""
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([heads, *lines])
+
+
+def write_picture(path: Path, content: bytes) -> None:
+    """Write a picture."""
+    with replacing(path) as partial:
+        partial.write_bytes(content)
+
+
+def drawn(size: tuple[float, float], draw: Callable, *grid: int, **options) -> bytes:
+    """Return a picture as PNG.
+
+    Parameters
+    ----------
+    size : width and height in inches.
+    draw : gets the axes, one or an array of them as ``grid`` (rows, columns) and ``options`` ask for.
+    """
+    canvas = empty_figure(size)
+    draw(canvas.subplots(*grid, **options))
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, dpi=120, format="png")
+    return buffer.getvalue()
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyPage:
+    """What writes the page of a study: the file `<report>_page.py` ends in ``PAGE = StudyPage(__name__, ...)``.
+
+    Attributes
+    ----------
+    module : name of its module.
+    pictures, tables : names of the PNG and CSV files that it writes.
+    write : called with the description of the study, its outcomes and the folder; returns the parts of the page.
+    in_short : returns what rows of several cases say together.
+    """
+
+    module: str
+    pictures: tuple[str, ...]
+    tables: tuple[str, ...]
+    write: Callable[[str, Sequence[Outcome], Path], list[str]]
+    in_short: Callable[[Sequence[Outcome]], list[Outcome]] = lambda outcomes: []
+
+
+def page_of(report: str) -> StudyPage:
+    """Return what writes the page of a report.
+
+    Raises
+    ------
+    UserError : its file does not say.
+    """
+    module = guest(page_modules()[report])
+    page = getattr(module, "PAGE", None)
+    if not isinstance(page, StudyPage):
+        raise UserError(f"{module.__file__}: has no PAGE, which must be a StudyPage")
+    return page

@@ -1,0 +1,1 @@
+"""How far the numbers of the eye are from those of finer particles."""

@@ -1,0 +1,1 @@
+"""What a fill of oil or gas touches in every posture."""

@@ -1,0 +1,1 @@
+"""What several questions share: eyes at rest, their pictures, and the names in their tables."""

@@ -1,0 +1,1 @@
+"""How oil of every viscosity moves in the eye, and how it drags at the retina."""

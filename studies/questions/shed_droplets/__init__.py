@@ -1,0 +1,1 @@
+"""How many droplets oil sheds, and where they gather."""

@@ -1,0 +1,1 @@
+"""The solver beside exact solutions, and in cases that are hard on it."""

@@ -1,0 +1,1 @@
+"""What the validation is made of: tanks, fits of interfaces, exact shapes, hard cases."""

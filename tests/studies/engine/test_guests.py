@@ -1,0 +1,121 @@
+"""Families and pages that somebody puts beside his own studies: found, run, followed by digests, told when wrong."""
+import csv
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import forked
+from helpers.snakemake_output import planned
+
+from pipeline.base.digest import modules_used
+from pipeline.base.errors import UserError
+from pipeline.studies.family import family_names, family_of
+from pipeline.studies.plan import load_study
+
+FALL = '''
+"""A stone that falls: how fast it is below."""
+import dataclasses
+
+from pipeline.studies.family import Family
+from pipeline.studies.model import Outcome, compared
+from sim.parameters import parameter
+
+from ._law import speed_below
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    height: float = parameter(1.0, unit="m", exclusive_minimum=0.0, meaning="that it falls from")
+
+
+def run(case: Parameters) -> Outcome:
+    return Outcome([compared("speed", speed_below(case.height), (2.0 * 9.81 * case.height)**0.5, 1e-9, "m/s")])
+
+
+FAMILY = Family(__name__, Parameters, run)
+'''
+LAW = "def speed_below(height):\n    return (19.62 * height) ** 0.5\n"
+PAGE = '''
+from pipeline.base import page
+from pipeline.studies.question_page import StudyPage
+
+
+def write(description, outcomes, folder):
+    return [page.paragraph(f"It fell {len(outcomes)} times.")]
+
+
+PAGE = StudyPage(__name__, (), (), write)
+'''
+STONE = "title: A stone\nreport: stone\ncases:\n  fall: {height: [1 m, 45 cm]}\n"
+
+
+@pytest.fixture
+def studies(project, monkeypatch):
+    """The folder of studies of a project with a family, what it shares, a page and a study of somebody's own."""
+    folder = project.folder / "config" / "studies"
+    for name, text in (("fall.py", FALL), ("_law.py", LAW), ("stone_page.py", PAGE), ("stone.yaml", STONE)):
+        (folder / name).write_text(text)
+    monkeypatch.chdir(project.folder)
+    return folder
+
+
+def test_a_family_and_a_page_beside_the_studies_are_run(studies, project):
+    done = forked.run("pipeline.study", "stone", folder=project.folder)
+    assert done.returncode == 0, done.stderr
+    with open("outputs/studies/stone/draft/table.csv", newline="") as file:
+        rows = {row["case"]: (row["quantity"], row["value"], row["holds"]) for row in csv.DictReader(file)}
+    assert rows == {"fall-1": ("speed", "4.42945", "true"), "fall-0.45": ("speed", "2.97136", "true")}
+    assert "It fell 2 times." in Path("outputs/studies/stone/draft/table.html").read_text()
+
+
+@pytest.mark.thorough
+def test_snakemake_runs_them_again_when_what_they_share_changes(studies, project):
+    assert project.snakemake("stone")[0] == 0
+    assert not planned(project.snakemake("-n", "stone")[1]).get("study_case")
+    (studies / "_law.py").write_text(LAW.replace("19.62", "19.6"))
+    assert planned(project.snakemake("-n", "stone")[1])["study_case"] == 2
+
+
+def test_digests_follow_what_a_family_imports_from_beside_it(studies):
+    case = load_study("stone").case("fall-1")
+    names = {path.name for path in modules_used(case.family.module)}
+    assert {"fall.py", "_law.py", "model.py"} <= names and "stone_page.py" not in names
+
+
+def test_another_folder_has_other_families(studies, tmp_path_factory, monkeypatch):
+    other = tmp_path_factory.mktemp("other")
+    folder = other / "config" / "studies"
+    folder.mkdir(parents=True)
+    (folder / "fall.py").write_text(FALL.replace("1.0, unit", "2.0, unit").replace("._law", "._own"))
+    (folder / "_own.py").write_text(LAW)
+    assert family_of("fall").parameters().height == 1.0
+    monkeypatch.chdir(other)
+    assert "fall" in family_names() and family_of("fall").parameters().height == 2.0
+    assert "config.studies._law" not in sys.modules
+
+
+@pytest.mark.parametrize(("name", "text", "sentence"), [
+    ("laplace.py", FALL, "config/studies/laplace.py: has the name of studies/validation/laplace.py"),
+    ("fall.py", "FAMILY = 1\n", "config/studies/fall.py: has no FAMILY, which must be a Family with parameters and"),
+    ("fall.py", "A = 1\nA = = 2\n", "config/studies/fall.py, line 2: cannot be imported: SyntaxError: "),
+    ("fall.py", "A = 1\nimport nothing_of_this_name\n",
+     "config/studies/fall.py, line 2: cannot be imported: ModuleNotFoundError: No module named 'nothing_of_this_name'"),
+    ("_law.py", "speed_below = 1 / 0\n", "config/studies/_law.py, line 1: cannot be imported: ZeroDivisionError: "),
+    ("fall.py", FALL.replace("(case: Parameters)", "()"), "config.studies.fall: run must take 1 arguments"),
+    ("stone_page.py", "", "config/studies/stone_page.py: has no PAGE, which must be a StudyPage"),
+    ("stone.yaml", STONE.replace("report: stone", "report: stoned"),
+     "report is \"stoned\", but must be one of curves, tradeoff, "),
+    ("stone.yaml", STONE.replace("fall:", "fell:"), "did you mean fall?"),
+])
+def test_what_is_wrong_is_told_in_a_sentence(studies, name, text, sentence):
+    (studies / name).write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_study("stone").page  # noqa: B018
+    assert sentence in str(caught.value)
+
+
+def test_the_command_tells_what_is_wrong_in_a_sentence(studies, project):
+    (studies / "fall.py").write_text("A = 1\nA = = 2\n")
+    done = forked.run("pipeline.study", "stone", folder=project.folder)
+    assert (done.returncode, done.stderr) == (
+        2, "error: config/studies/fall.py, line 2: cannot be imported: SyntaxError: invalid syntax\n")
