@@ -75,8 +75,9 @@ def page_of(run: RunFolder, *, shown: Sequence[Shown], advice: Report, errors: S
         breaks=Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, scene)),
         movie=_movie(run), timeline=_timeline(run, sources), fundus=_fundus(run), view=_view(run),
         yes_or_no=bars_drawn, curves=charts(curves(shown, time, events)),
-        metrics=[*breaks_over_time(courses_of(run.table, scene)), *_metrics(shown)], errors=_errors(errors),
-        cost=_cost(run), simulated=Markup("\n").join(_simulated(run, advice)),
+        metrics=[*breaks_over_time(courses_of(run.table, scene)), *_metrics(shown)],
+        errors=_errors(errors, of_eye=scene.container is None), cost=_cost(run),
+        simulated=Markup("\n").join(_simulated(run, advice)),
         left_out=Markup("\n").join(_left_out(run, advice)), origin=_origin(run, sources))
     return page.page(f"{run.title}: {scene.accuracy}", [chart_library(), body], heading=run.title, path=path,
                      links=_comparisons(run.folder), style=chart_style() + (HERE / "run_page.css").read_text(),
@@ -189,7 +190,7 @@ def _metrics(shown: Sequence[Shown]) -> list[Markup]:
     return parts + ([page.details("What stays the same", constant(still))] if still else [])
 
 
-def _errors(errors: Sequence[ExpectedError]) -> Markup:
+def _errors(errors: Sequence[ExpectedError], *, of_eye: bool) -> Markup:
     """The error of the coverage first, the others on a click."""
     def sentence(one: ExpectedError) -> str:
         return f"{one.quantity}: {one.words} ({one.source})"
@@ -199,9 +200,9 @@ def _errors(errors: Sequence[ExpectedError]) -> Markup:
     if not errors:
         return page.paragraph("The error to expect is unknown: the accuracy study has no case whose effects are all in "
                               "this scene.")
-    unknown = [] if first else [page.paragraph("The error of the covered retina at this particle spacing is unknown.")]
+    unknown = "" if first or not of_eye else "The error of the covered retina at this particle spacing is unknown."
     return Markup("\n").join([
-        *(page.paragraph(one) for one in first), *unknown,
+        *(page.paragraph(one) for one in first), page.paragraph(unknown),
         *([page.details(f"{len(others)} other errors, of simpler flows at this spacing", page.bullets(others))]
           if others else [])])
 

@@ -25,6 +25,7 @@ MOST_TRIANGLES = 8_000          # of the surface of a liquid in a frame
 MOST_WALL_TRIANGLES = 20_480    # of the wall: that of the default eye is drawn as it is
 EFFORT = 6                      # of zlib, 1 to 9
 MARGIN = 1.05                   # of the whole numbers around the surfaces
+SMALLEST_REACH = 1.25           # of what is seen, over half the size of the surfaces: room for words
 EDGE = 50.0                     # deg, between triangles from which an edge is sharp
 MOST_VERTICES = 2**16           # that two bytes count
 LINE = 1e-3                     # m from the contact line, at which its distance is cut off
@@ -88,6 +89,7 @@ def turning_view(run: RunFolder, count: int = FRAMES[0]) -> dict[str, Any]:
         meshes.append({"wall": True, "fades": True, "legend": [(BOX_COLOR, "wall")], **packed,
                        "coveredColor": ImageColor.getrgb(BOX_COLOR)})
     views, view, axes = (EYE_VIEWS, EYE_VIEW, EYE_AXES) if of_eye else (BOX_VIEWS, BOX_VIEW, BOX_AXES)
+    farthest = float(np.linalg.norm(wall.points - center, axis=1).max() / half)
     reach = {name: float(((wall.points - center) @ np.array(direction)).max() / half) + 0.12
              for name, direction in axes.items()}
 
@@ -104,8 +106,9 @@ def turning_view(run: RunFolder, count: int = FRAMES[0]) -> dict[str, Any]:
         return {"time": clock(frame.number * run.scene.output.frame_interval, run.scene.output.second_means),
                 "meshes": changes}
 
-    return {"meshes": meshes, "views": views, "view": view, "frames": [of_frame(frame) for frame in frames],
-            "ramp": base64.b64encode(np.ascontiguousarray(paint.colors)).decode(),
+    return {"meshes": meshes, "views": views, "view": view, "reach": max(SMALLEST_REACH, farthest),
+            "frames": [of_frame(frame) for frame in frames],
+            "ramp": base64.b64encode(paint.colors.tobytes()).decode(),
             "axes": [(name, [reach[name] * part for part in direction]) for name, direction in axes.items()],
             "data": data.packed()}
 

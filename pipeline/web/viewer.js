@@ -1,7 +1,7 @@
 // A view of surfaces by three.js: it turns on a drag or by the arrow keys, zooms by two fingers, + and -, and by the wheel
 // once it has been clicked; before, the wheel scrolls the page. Needs WebGL 2.
 //
-// A scene has `meshes`, `axes` and `view`; of one over time also `frames` and `data`. `orientation` turns the surfaces
+// A scene has `meshes`, `axes`, `view` and how far it reaches, in units of half its size; of one over time also `frames` and `data`. `orientation` turns the surfaces
 // before the view does (three rows), and `onDrag` and `onView` are told. A mesh is {wall, position, normal, toLine, toFilm,
 // covered, film, bare, index}: whole numbers, as base64, as an array, or as [offset, length] in `data`.
 function showTurningView(root, scene) {
@@ -13,7 +13,7 @@ function showTurningView(root, scene) {
     hint.textContent = scene.without || "This browser has no WebGL 2: the surfaces cannot be shown here. ParaView opens the files in surfaces/.";
     return;
   }
-  const FRAME = 1 / 0.8, DISTANCE = 10, ZOOMS = [1, 12];
+  const FRAME = scene.reach || 1.25, DISTANCE = 10, ZOOMS = [1, 12];
   const renderer = new THREE.WebGLRenderer({canvas, context: gl});
   const space = new THREE.Scene(), turned = new THREE.Group(), camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0.1, 30);
   renderer.setClearColor(0, 0);  // the page shows through
