@@ -14,9 +14,10 @@ POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src
 
 
 def library(file: str, style: str = "") -> Markup:
-    """Return a library of ``vendor``, with its style, as a page holds it."""
+    """Return a library of ``vendor``, with its style and its license, as a page holds it."""
+    license = Markup("<!--\n{}\n-->\n").format(Markup(_text(VENDOR / f"LICENSE.{file.partition('.')[0]}")))
     sheet = Markup("<style>{}</style>\n").format(Markup(_text(VENDOR / style))) if style else Markup()
-    return sheet + Markup("<script>{}</script>").format(Markup(_text(VENDOR / file)))
+    return license + sheet + Markup("<script>{}</script>").format(Markup(_text(VENDOR / file)))
 
 
 def called(file: str, function: str, root: str, values: object) -> Markup:
