@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -60,7 +61,7 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
-html_sidebars = {"index": []}
+html_sidebars = {"index": [], "gallery": [], "cite": []}
 
 
 # Equations, as paths of a mathematical font: no script, no letters to load, the same in every browser.
@@ -148,10 +149,40 @@ def printed(module: str, *arguments: str) -> str:
     return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
 
 
+def headed(text: str) -> str:
+    """Return a printed list as Markdown, with headings for names that stand alone on their lines: search finds them.
+
+    >>> print(headed("Effects\\n  drag\\n    Slows down.\\n      rate: per second\\n  none: at all"))
+    ## Effects
+    <BLANKLINE>
+    ### drag
+    <BLANKLINE>
+    ```text
+      Slows down.
+        rate: per second
+    none: at all
+    ```
+    """
+    blocks: list[list[str]] = [[]]
+    for line in text.splitlines():
+        depth = len(line) - len(line.lstrip())
+        if depth <= 2 and re.fullmatch(r"[A-Z][a-z ]+|[a-z_0-9]+", line.strip()):
+            blocks += [[f"##{'#' * (depth // 2)} {line.strip()}"], []]
+        elif line.strip() or blocks[-1]:
+            blocks[-1].append(line)
+    made = ["\n".join(one) if one[0].startswith("##") else "\n".join(["```text", *_to_the_left(one), "```"])
+            for one in blocks if one]
+    return "\n\n".join(made)
+
+
+def _to_the_left(lines: list[str]) -> list[str]:
+    return textwrap.dedent("\n".join(lines)).strip("\n").splitlines()
+
+
 def fill_in(app, name: str, source: list[str]) -> None:
     """Put what a stage prints where a page asks for it: `<!-- python -m pipeline.scene --list -->`."""
     source[0] = re.sub(r"<!-- python -m (\S+) (.*) -->",
-                       lambda match: f"```text\n{printed(match[1], *match[2].split())}\n```", source[0])
+                       lambda match: headed(printed(match[1], *match[2].split())), source[0])
 
 
 # Docstrings: `name : what it is`, where numpydoc has a type behind the colon; types come from annotations.

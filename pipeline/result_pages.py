@@ -7,7 +7,6 @@
 """
 import argparse
 import csv
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -205,8 +204,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                    help="outputs/studies/<study>/<level> or outputs/<scene>/<level>, whose numbers replace older ones")
     p.add_argument("--add", default="", metavar="TABLE=PATTERN",
                    help="with --take of a study: also bring cases of such names that a table does not have yet")
-    p.add_argument("--code", help="what the column code says of them (default: this version and the last commit before "
-                                  "they were written)")
+    p.add_argument("--code", help="what the column code says of them (default: what a study says of itself; of a run, "
+                                  "this version and the last commit before it was written)")
     p.add_argument("--project", type=Path, default=ROOT, metavar="DIR", help="folder of README.md and docs")
     options = p.parse_args(arguments)
     if options.check and options.take:
@@ -218,9 +217,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if strangers := [path for path in folder.iterdir() if path.suffix in (".md", ".csv") and path.stem not in known]:
         raise UserError(f"{strangers[0]}: belongs to no page of {LAYOUT}; remove it")
     if options.take:
-        version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
         for taken in options.take:
-            count = take_over(taken, layout, rows, version, options.code, options.add)
+            count = take_over(taken, layout, rows, options.code, options.add)
             print(f"{taken}: {count} numbers")
         for page in layout.pages:
             write_rows(folder, page, rows[page.name])

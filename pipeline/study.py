@@ -13,6 +13,7 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
+from pipeline.base.origin import code, machine
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.studies.model import Outcome
@@ -47,7 +48,7 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
     except (UserError, RunError, OverflowError) as error:
         outcome = Outcome.failed(case.name, " ".join(str(error).split()))
         print(f"error: {outcome.failure}", file=sys.stderr)
-    outcome.case = case.name
+    outcome.case, outcome.machine, outcome.code = case.name, machine(), code()
     print(f"{case.name}: {len(outcome.rows)} rows in {time.perf_counter() - begin:.1f} s", file=sys.stderr)
     return outcome
 

@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     for sentence in found.notes + found.differences:
         print(printable(sentence, LONGEST))
     told, count = found.recorded, len(found.recorded.files)
-    run_told = f"{told.scene} at {told.level}, {memory(found.size)}, made by version {told.version}"
+    run_told = f"{told.scene} at {told.level}, {memory(found.size)}, crate by version {told.version}"
     if found.differences:
         print(f"{options.folder}: {counted(len(found.differences), 'difference')} from the crate; {found.whole:,} of "
               f"{counted(count, 'file')} are as it says ({run_told})")

@@ -1,5 +1,6 @@
 """The structure of docs/architecture.md: what may import what."""
 import ast
+import functools
 import re
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -11,10 +12,16 @@ PIPELINE = ROOT / "pipeline"
 STAGES = {f"pipeline.{path.stem}" for path in PIPELINE.glob("*.py")}
 
 
+@functools.cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All that the code of a file is made of."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
 def imports(path: Path) -> set[str]:
     """Modules that a file imports, anywhere in it; of `from a import b` both a and a.b."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -24,8 +31,7 @@ def imports(path: Path) -> set[str]:
 
 def named(path: Path) -> set[str]:
     """Modules whose names stand in a file as strings: it would be as bound to them as by an import."""
-    texts = {node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-             if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    texts = {node.value for node in nodes(path) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     return {text for text in texts if re.fullmatch(r"(pipeline|sim|studies)(\.\w+)+", text)}
 
 

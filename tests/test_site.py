@@ -1,4 +1,6 @@
 """The site of the documents: built without a warning, whole, found by words of users, and without a network."""
+import doctest
+import importlib
 import re
 import subprocess
 import sys
@@ -38,6 +40,14 @@ def browser(tmp_path):
     opened = Browser(found, tmp_path / "profile")
     yield opened
     opened.close()
+
+
+def test_equations_break_at_their_wide_spaces(monkeypatch):
+    """The examples in the settings of the site."""
+    pytest.importorskip("ziamath", reason="`./run docs` installs what builds the site")
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    tried = doctest.testmod(importlib.import_module("conf"))
+    assert tried.attempted and not tried.failed
 
 
 @pytest.mark.thorough

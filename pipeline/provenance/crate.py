@@ -5,19 +5,18 @@ times and digests are those that Snakemake has noted, so that what was made by o
 relative to the folder: it may be moved or packed.
 """
 import dataclasses
-import functools
 import hashlib
 import json
 import os
 import platform
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.base.computer import computer
 from pipeline.base.errors import UserError
+from pipeline.base.origin import NAME, changed, commit, release
 from pipeline.base.packages import packages
 from pipeline.base.project import PROJECT, SNAKEFILE
 from pipeline.base.usage import read_usage
@@ -38,7 +37,6 @@ from pipeline.runs.contents import CRATE, is_result, left_over
 from pipeline.runs.run_folder import RunFolder
 from pipeline.workflow.notes import Job, jobs_of
 
-NAME = "eye-oil-pipeline"
 WORKFLOW = PurePosixPath("workflow")  # a copy of the rules by which the run was made
 SCENE = PurePosixPath("scene.json")
 OWN_RULE = "crate"
@@ -87,27 +85,9 @@ def copied_rules() -> dict[PurePosixPath, str]:
     return {WORKFLOW / path.relative_to(PROJECT).as_posix(): path.read_text(encoding="utf-8") for path in files}
 
 
-@functools.cache
 def code_version() -> str:
     """Return the version of this code, with the commit and whether it was changed where it is a checkout."""
-    try:
-        told = version(NAME)
-    except PackageNotFoundError:
-        told = "0"
-    commit = _git("rev-parse", "--short=12", "HEAD")
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", "pipeline", "sim", "rules", SNAKEFILE)
-    return told + (f"+g{commit}" if commit else "") + (".changed" if commit and changed else "")
-
-
-def _git(*arguments: str) -> str:
-    """What Git says of the project; nothing where it is no checkout of its own, or there is no Git."""
-    if not (PROJECT / ".git").exists():
-        return ""
-    try:
-        done = subprocess.run(["git", "-C", PROJECT, *arguments], capture_output=True, text=True, check=False)
-    except OSError:
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+    return release() + (f"+g{commit()}" if commit() else "") + (".changed" if changed() else "")
 
 
 def crate_of(run: RunFolder, threads: int = 1) -> str:

@@ -197,5 +197,5 @@ def _older(recorded: Recorded, scene: Scene) -> tuple[list[str], list[str]]:
                     and not {stage_digest(job.stage, scene), stage_digest(job.stage)} & {*job.digests}})
     if not older:
         return [], []
-    return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made, by "
-            f"version {recorded.version}; this code may give other results: run the scene again to see"], []
+    return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made; "
+            "this code may give other results: run the scene again to see"], []

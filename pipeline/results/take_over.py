@@ -12,21 +12,20 @@ import csv
 import dataclasses
 import fnmatch
 import math
-import os
 import re
-import subprocess
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.computer import processor
 from pipeline.base.errors import UserError
+from pipeline.base.origin import commit_before, machine, release
 from pipeline.base.tables import read_table
 from pipeline.results.tables import Layout, Page, Row
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.units import parse_quantity
+from pipeline.studies.model import COLUMNS, MADE, RELATIVE
 
 STUDIES = "studies"
 HOW: dict[str, Callable] = {"last": lambda x: x[-1], "largest": np.max, "smallest": np.min}
@@ -42,24 +41,20 @@ class Made:
     code: str
 
 
-def made(path: Path, version: str, code: str | None = None) -> Made:
+def made(path: Path, code: str | None = None) -> Made:
     """Return this computer and, where the code is not told, the version with the last commit older than a file."""
-    moment = datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat()
-    log = subprocess.run(["git", "log", "-1", f"--before={moment}", "--format=%h"], cwd=Path(__file__).parent,
-                         capture_output=True, text=True)
-    commit = log.stdout.strip() if log.returncode == 0 else ""
-    code = code or (f"{version} ({commit})" if commit else version)
-    return Made(f"{processor()}, {os.cpu_count()} cores", code)
+    commit = commit_before(datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat())
+    return Made(machine(), code or (f"{release()} ({commit})" if commit else release()))
 
 
-def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version: str,
-              code: str | None = None, add: str = "") -> int:
+def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], code: str | None = None,
+              add: str = "") -> int:
     """Replace the rows that a folder of outputs has anew; return how many.
 
     Parameters
     ----------
     rows : page -> its rows, which are changed.
-    version, code : of this project, and of the code that made the numbers where that is known.
+    code : that made the numbers, in place of what a study says of itself and of what the date of a run tells.
     add : "table=case pattern" of rows of a study that are added where none is replaced.
 
     Raises
@@ -68,9 +63,9 @@ def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version:
     """
     folder = folder.resolve()
     if (folder / "table.csv").is_file() and folder.parent.parent.name == STUDIES:
-        count = _from_study(folder, layout, rows, made(folder / "table.csv", version, code), add)
+        count = _from_study(folder, layout, rows, code, add)
     elif (folder / "metrics.csv").is_file():
-        count = _from_scene(folder, rows, made(folder / "metrics.csv", version, code))
+        count = _from_scene(folder, rows, made(folder / "metrics.csv", code))
     else:
         raise UserError(f"{folder}: is neither outputs/studies/<study>/<level> with a table.csv nor "
                         "outputs/<scene>/<level> with a metrics.csv")
@@ -79,13 +74,18 @@ def take_over(folder: Path, layout: Layout, rows: dict[str, list[Row]], version:
     return count
 
 
-def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Made, add: str) -> int:
+def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], code: str | None,
+                add: str) -> int:
     study, level = folder.parent.name, folder.name
     places = {(page.name, table.name): page for page in layout.pages for table in page.tables if table.study == study}
     target, _, pattern = add.partition("=")
     with (folder / "table.csv").open(newline="", encoding="utf-8") as file:
         found = list(csv.DictReader(file))
-    command = f"snakemake -j2 {study}" + ("" if level == "draft" else f" --config accuracy={level}")
+    if found and not {*COLUMNS, *MADE} <= found[0].keys():
+        raise UserError(f"{folder / 'table.csv'}: does not say what its errors are and where they were found, as of an "
+                        f"earlier version; run the study again: snakemake -j2 {study}")
+    if code:
+        found = [line | {"code": code} for line in found]
     count = 0
     for line in found:
         names = {f"{line['case']}: {line['quantity']}"}
@@ -94,13 +94,13 @@ def _from_study(folder: Path, layout: Layout, rows: dict[str, list[Row]], by: Ma
         if not matches and add and fnmatch.fnmatchcase(line["case"], pattern):
             page = _page_of(target, places)
             matches = [Row(target, line["case"], line["quantity"], unit=_unit(line["unit"]), level=level,
-                           command=command)]
+                           command=line["command"])]
             rows[page.name] += matches
         for row in matches:
-            _fill(row, line, by)
+            _fill(row, line)
         count += len(matches)
     for owner, table in ((page, table) for page in layout.pages for table in page.tables if table.study == study):
-        fresh = [_fresh(table.name, line, level, command, by) for line in _judged(found, table.cases)]
+        fresh = [_fresh(table.name, line, level) for line in _judged(found, table.cases)]
         cases = {row.case for row in fresh}
         rows[owner.name] = [row for row in rows[owner.name]
                             if (row.table, row.level) != (table.name, level) or row.case not in cases] + fresh
@@ -120,10 +120,11 @@ def _judged(found: list[dict[str, str]], patterns: tuple[str, ...]) -> list[dict
     return [line for line in lines if line["holds"] == "false" or line in last.values()]
 
 
-def _fresh(table: str, line: dict[str, str], level: str, command: str, by: Made) -> Row:
+def _fresh(table: str, line: dict[str, str], level: str) -> Row:
     case, _, size = line["case"].partition(" ")
-    row = Row(table, case, line["quantity"], unit=_unit(line["unit"]), size=size, level=level, command=command)
-    _fill(row, line, by)
+    row = Row(table, case, line["quantity"], unit=_unit(line["unit"]), size=size, level=level,
+              command=line["command"])
+    _fill(row, line)
     return row
 
 
@@ -134,7 +135,7 @@ def _page_of(table: str, places: dict[tuple[str, str], Page]) -> Page:
     raise UserError(f"--add: {table} is no table of this study; there are {', '.join(name for _, name in places)}")
 
 
-def _fill(row: Row, line: dict[str, str], by: Made) -> None:
+def _fill(row: Row, line: dict[str, str]) -> None:
     """Put the numbers of a line of a study into a row, in the units that the row has."""
     value, expected, error, allowed = (float(line[name]) if line[name] else math.nan
                                        for name in ("value", "reference", "error", "tolerance"))
@@ -142,15 +143,12 @@ def _fill(row: Row, line: dict[str, str], by: Made) -> None:
     row.value = _digits(_converted(value, unit, row.unit), row.value)
     if line["reference"]:
         row.expected = _digits(_converted(expected, unit, row.unit), row.expected)
-    # What is told as the error is relative to what is expected, or in the unit of the value: the nearer of the two, for
-    # the value has few digits.
-    away = abs(value - expected)
-    relative = expected != 0.0 and abs(error * abs(expected) - away) <= abs(error - away)
+    relative = line["error_is"] == RELATIVE
     row.error_unit = row.error_unit or ("%" if relative else row.unit) if line["error"] else ""
     row.error, row.allowed = (_digits(_converted(number, "" if relative else unit, row.error_unit))
                               for number in (error, allowed))
     row.holds = {"true": "yes", "false": "no", "": ""}[line["holds"]]
-    row.machine, row.code = by.machine, by.code
+    row.machine, row.code = line["machine"], line["code"]
 
 
 def _from_scene(folder: Path, rows: dict[str, list[Row]], by: Made) -> int:

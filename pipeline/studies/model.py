@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 
-COLUMNS = ("case", "quantity", "value", "unit", "reference", "error", "tolerance", "holds", "wall_s")
+COLUMNS = ("case", "quantity", "value", "unit", "reference", "error", "error_is", "tolerance", "holds", "wall_s")
+MADE = ("machine", "code", "command")  # columns of the table beside these: where, with which code and by what
+RELATIVE, ABSOLUTE = "relative", "absolute"
 FAILED = "no result"  # quantity of the one row of a case that has failed; the remarks say why
 WALL_TIME, COMPUTING_TIME = "wall time without compilation", "computing time without compilation, all cores"
 OUTCOME = "outcome.json"  # in the folder of a case, beside its pictures
@@ -29,6 +31,7 @@ class Row:
     quantity, value, unit : what was measured; the unit of a pure number is "1".
     at : what tells the row from others of its case, such as the resolution; joined to the name of the case.
     reference, error, tolerance : the expected value, how far off, and how far is allowed (None: nothing is asked).
+    relative : whether error and tolerance are parts of the reference; else they have the unit of the value.
     wall_s : seconds that the run behind it took.
     """
 
@@ -40,6 +43,7 @@ class Row:
     error: float | None = None
     tolerance: float | None = None
     wall_s: float | None = None
+    relative: bool = False
 
     @property
     def holds(self) -> bool | None:
@@ -50,7 +54,8 @@ class Row:
 
     def cells(self, case: str) -> dict[str, str]:
         """Return the cells of the table, column by column; what is empty stays so."""
-        cells = {"case": f"{case} {self.at}".strip(), "quantity": self.quantity, "unit": self.unit,
+        kind = "" if self.error is None else RELATIVE if self.relative else ABSOLUTE
+        cells = {"case": f"{case} {self.at}".strip(), "quantity": self.quantity, "unit": self.unit, "error_is": kind,
                  "holds": {None: "", True: "true", False: "false"}[self.holds]}
         numbers = {name: getattr(self, name) for name in ("value", "reference", "error", "tolerance", "wall_s")}
         return cells | {name: "" if number is None else f"{number:.6g}" for name, number in numbers.items()}
@@ -59,7 +64,7 @@ class Row:
 def compared(quantity: str, value: float, reference: float, tolerance: float | None, unit: str = "1", **more) -> Row:
     """Return a row whose error is relative to its reference."""
     return Row(quantity, value, unit, reference=reference, error=abs(value - reference) / abs(reference),
-               tolerance=tolerance, **more)
+               tolerance=tolerance, relative=True, **more)
 
 
 def bounded(quantity: str, value: float, limit: float | None, unit: str = "1", **more) -> Row:
@@ -112,6 +117,7 @@ class Outcome:
     pictures : name -> PNG as bytes.
     tables : name -> lines of cells, the heads first.
     failure : why the case has no result, in words; empty where it has one.
+    machine, code : where and with which code it was found.
     """
 
     rows: list[Row] = dataclasses.field(default_factory=list)
@@ -121,6 +127,8 @@ class Outcome:
     case: str = ""
     tables: dict[str, list[list[str]]] = dataclasses.field(default_factory=dict)
     failure: str = ""
+    machine: str = ""
+    code: str = ""
 
     @classmethod
     def failed(cls, case: str, why: str) -> "Outcome":
@@ -133,7 +141,7 @@ class Outcome:
         data = {"case": self.case, "rows": [dataclasses.asdict(row) for row in self.rows],
                 "curves": [dataclasses.asdict(curve) | {"x": _plain(curve.x), "y": _plain(curve.y)}
                            for curve in self.curves], "remarks": self.remarks, "tables": self.tables,
-                "failure": self.failure}
+                "failure": self.failure, "machine": self.machine, "code": self.code}
         for name, content in self.pictures.items():
             (folder / f"{name}.png").write_bytes(content)
         write_text(folder / OUTCOME, json.dumps(data, indent=1) + "\n")
@@ -154,7 +162,7 @@ class Outcome:
             data = json.loads(path.read_text(encoding="utf-8"))
             return cls([Row(**row) for row in data["rows"]], [Curve(**curve) for curve in data["curves"]],
                        data["remarks"], {file.stem: file.read_bytes() for file in sorted(folder.glob("*.png"))},
-                       data["case"], data["tables"], data["failure"])
+                       data["case"], data["tables"], data["failure"], data["machine"], data["code"])
         except (ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no outcome of a case ({error}); run the case again") from error
 

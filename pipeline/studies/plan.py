@@ -27,6 +27,7 @@ from sim.parameters import parameter
 
 OUTPUTS = Path("outputs")
 ACCURACY = Path("config/accuracy.yaml")
+DEFAULT = "draft"  # level
 KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
@@ -102,6 +103,12 @@ class Study:
         """What writes its page, where it answers a question of a surgeon."""
         return page_of(self.report) if self.report not in REPORTS else None
 
+    @property
+    def command(self) -> str:
+        """What makes it."""
+        level = "" if self.accuracy == DEFAULT else f" --config accuracy={self.accuracy}"
+        return f"snakemake -j2 {self.name}{level}"
+
     def families(self) -> list[Family]:
         """Families of the cases, each once."""
         return list(dict.fromkeys(case.family for case in self.cases.values()))
@@ -160,7 +167,7 @@ def study_names(folder: Path = STUDIES) -> list[str]:
     return sorted(path.stem for path in folder.glob("*.yaml"))
 
 
-def load_study(name: str, accuracy: str = "draft", folder: Path = STUDIES) -> Study:
+def load_study(name: str, accuracy: str = DEFAULT, folder: Path = STUDIES) -> Study:
     """Read a study and lay out its cases.
 
     Parameters

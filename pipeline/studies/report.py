@@ -13,7 +13,7 @@ from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
-from pipeline.studies.model import COLUMNS, FAILED, OUTCOME, Curve, Figure, Outcome
+from pipeline.studies.model import COLUMNS, FAILED, MADE, OUTCOME, Curve, Figure, Outcome
 from pipeline.studies.plan import Case, Study
 from pipeline.studies.tradeoff import unasked, write_tradeoff
 
@@ -73,13 +73,14 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
     in_short = study.page.in_short(found) if study.page and complete else []
     outcomes = [*in_short, *found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
-    _write_csv(target / "table.csv", rows)
+    made = [_made(study, [outcome] if outcome.machine else found) for outcome in outcomes for _ in outcome.rows]
+    _write_csv(target / "table.csv", [row | by for row, by in zip(rows, made, strict=True)])
     for figure in study.figures():
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
-    made = [outcome.pictures for outcome in outcomes]
-    made += [family.draw(found) for family in study.families() if found and family.draw]
-    for pictures in made:
+    drawn = [outcome.pictures for outcome in outcomes]
+    drawn += [family.draw(found) for family in study.families() if found and family.draw]
+    for pictures in drawn:
         for name in sorted(pictures.keys() & set(study.pictures())):
             content = pictures[name]
             with replacing(target / f"{name}.png") as partial:
@@ -87,6 +88,12 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
     parts = study.page.write(study.description, found, target) if study.page and complete else []
     _write_page(target / "table.html", study, outcomes, rows, parts)
     print(summary(study.name, rows))
+
+
+def _made(study: Study, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Where, with which code and by what the rows of some outcomes were made."""
+    return {"machine": "; ".join(dict.fromkeys(outcome.machine for outcome in outcomes)),
+            "code": "; ".join(dict.fromkeys(outcome.code for outcome in outcomes)), "command": study.command}
 
 
 def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
@@ -104,7 +111,7 @@ def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
 
 def _write_csv(path: Path, rows: Iterable[dict[str, str]]) -> None:
     with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, [*COLUMNS, *MADE], lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 
@@ -147,7 +154,7 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
     instead : what a study says in words of its own; the table can then be opened below.
     """
     cells = [[VERDICTS[row[column]] if column == "holds" else row[column] for column in COLUMNS] for row in rows]
-    words = [COLUMNS.index(column) for column in ("quantity", "unit", "holds")]
+    words = [COLUMNS.index(column) for column in ("quantity", "unit", "error_is", "holds")]
     asked = [row for row in rows if row["holds"]]
     held = sum(row["holds"] == "true" for row in asked)
     found = f"Accuracy {study.accuracy}: {held} of {len(asked)} rows with a tolerance hold."

@@ -111,8 +111,7 @@ def _joined(points: Sequence[Point]) -> list[Point]:
 def _error(row: Row | None) -> tuple[float, str]:
     if row is None or row.error is None or not math.isfinite(row.error):
         return math.nan, "1"
-    absolute = math.isclose(row.error, abs(row.value - row.reference), rel_tol=1e-9)
-    return row.error, row.unit if absolute else "1"
+    return row.error, "1" if row.relative else row.unit
 
 
 def _curve(outcome: Outcome, resolution: int):

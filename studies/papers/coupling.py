@@ -206,7 +206,7 @@ def _claims(methods: list[Method], reference: int) -> list[tuple[Row, str]]:
     if "wcsph" in known:
         ratio = known["wcsph"].seconds / ours.seconds
         claims.append((Row("claim: twice as fast as WCSPH (time of WCSPH over ours)", ratio, reference=2.0,
-                           error=max(0.0, 1.0 - ratio / 2.0), tolerance=SIMILAR),
+                           error=max(0.0, 1.0 - ratio / 2.0), tolerance=SIMILAR, relative=True),
                        f"it is about twice as fast as WCSPH: WCSPH takes {ratio:.2f} times its computing time"))
     kept = {method.name: method.energy[-1] / method.energy[reference] for method in methods}
     best = max(others, key=lambda method: kept[method.name])

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -188,6 +189,15 @@ def test_stages_start_without_the_library():
 
 
 # As a wheel
+
+def test_containers_get_all_that_a_wheel_is_made_of():
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    parts = {name.lstrip("/") for name in (*wheel["include"], *wheel["force-include"])}
+    assert {"pipeline", "sim", "studies"} <= parts
+    let_in = {line.lstrip("!") for line in (ROOT / ".dockerignore").read_text().splitlines()}
+    packed = set((ROOT / "container" / "in_debian").read_text().partition("tar -C")[2].partition("|")[0].split())
+    assert parts <= let_in and parts <= packed
+
 
 @pytest.mark.thorough
 def test_installed_files_run_outside_the_project(tmp_path):

@@ -13,6 +13,7 @@ from pipeline.result_pages import main
 from pipeline.results.tables import read_layout, read_rows, write_rows
 from pipeline.scenes.load import load_scene
 from pipeline.studies.model import COLUMNS as STUDY_COLUMNS
+from pipeline.studies.model import MADE
 from studies.questions.moved_oil import moved_oil_page
 from studies.questions.shed_droplets import shed_droplets_page
 
@@ -41,10 +42,11 @@ def rows_of(project: Path, name: str) -> list:
 def study_table(project: Path, name: str, level: str, *lines: dict) -> Path:
     folder = project / "outputs" / "studies" / name / level
     folder.mkdir(parents=True)
+    made = {"machine": "a machine, 4 cores", "code": "0.3 (fed)", "command": f"snakemake -j2 {name}"}
     with (folder / "table.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, STUDY_COLUMNS, restval="")
+        writer = csv.DictWriter(file, [*STUDY_COLUMNS, *MADE], restval="")
         writer.writeheader()
-        writer.writerows(lines)
+        writer.writerows(made | line for line in lines)
     return folder
 
 
@@ -93,13 +95,13 @@ def test_a_study_replaces_the_row_of_the_same_case_quantity_and_level(project):
 def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project):
     case = "oil_in_sphere-3-0.8-18.2--35-0.1-0 R/dx=11"
     lines = ({"case": case, "quantity": "arc of contact", "value": "190", "unit": "deg", "reference": "184",
-              "error": "6", "tolerance": "5", "holds": "false"},)
+              "error": "6", "error_is": "absolute", "tolerance": "5", "holds": "false"},)
     assert run(project, "--take", study_table(project, "validation", "standard", *lines)).returncode == 0
     row = next(row for row in rows_of(project, "oil_in_sphere") if row.source == f"{case}: arc of contact")
     assert (row.value, row.expected, row.error, row.error_unit, row.holds) == ("190.0", "184.0", "6", "deg", "no")
     lines = ({"case": "position_based pbf_honey", "quantity": "radius at the end, viscous current (Huppert 1982)",
               "value": "0.14", "unit": "m", "reference": "0.1428571", "error": "0.02", "tolerance": "0.1",
-              "holds": "true"},
+              "error_is": "relative", "holds": "true"},
              {"case": "position_based pbf_equality_corrected", "quantity": "smallest spacing / dx, mean of the frames",
               "value": "0.6543", "unit": "1"})
     assert run(project, "--take", study_table(project, "pbf_study", "draft", *lines)).returncode == 0
@@ -118,12 +120,20 @@ def test_new_cases_come_only_where_they_are_asked_for(project):
     assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
     row = rows_of(project, "validation")[-1]
     assert (row.table, row.case, row.value, row.level) == ("flow", line["case"], "5.8", "fine")
+    assert (row.machine, row.code, row.command) == ("a machine, 4 cores", "0.3 (fed)", "snakemake -j2 validation")
 
 
-def test_a_small_error_relative_to_what_is_expected_is_told_in_percent(project):
-    """The six digits of value and expectation tell this one to 1.2 % only."""
+@pytest.mark.thorough
+def test_a_table_of_an_earlier_version_is_told(project):
+    folder = study_table(project, "validation", "fine")
+    (folder / "table.csv").write_text("case,quantity,value\nspin_down-central,decay rate,5.8\n")
+    told = run(project, "--take", folder)
+    assert told.returncode == 2 and "run the study again: snakemake -j2 validation" in told.stderr
+
+
+def test_a_relative_error_is_told_in_percent(project):
     line = {"case": "spin_down-central n=32", "quantity": "height", "value": "1.13371", "unit": "m",
-            "reference": "1.1335", "error": "0.000183137", "tolerance": "0.02", "holds": "true"}
+            "reference": "1.1335", "error": "0.000183137", "error_is": "relative", "tolerance": "0.02", "holds": "true"}
     folder = study_table(project, "validation", "fine", line)
     assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
     row = rows_of(project, "validation")[-1]
@@ -133,7 +143,7 @@ def test_a_small_error_relative_to_what_is_expected_is_told_in_percent(project):
 @pytest.mark.thorough
 def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(project):
     lines = [{"case": f"spin_down-central R/dx={size}", "quantity": "decay rate", "value": value, "unit": "1/s",
-              "reference": "5.783", "error": error, "tolerance": "0.05", "holds": holds}
+              "reference": "5.783", "error": error, "error_is": "relative", "tolerance": "0.05", "holds": holds}
              for size, value, error, holds in ((12, "6.2", "0.07211", "false"), (18, "5.9", "0.02023", "true"),
                                               (24, "5.8", "0.00294", "true"))]
     lines += [{"case": "spin_down-central", "quantity": "observed order", "value": "2"},

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from pipeline.base.digest import BESIDE_ITS_WORK
+from pipeline.base import digest
 from pipeline.scenes import load
 
 # Callers that take a record over into a new one: that is no use of its values.
@@ -78,20 +78,27 @@ def _kind(kind: type, path: str, seen: _Seen) -> type:
     def equal(self, other: object) -> bool:
         return isinstance(other, kind) and all(getattr(self, name) == getattr(other, name) for name in names)
 
-    def digest(self) -> int:
+    def hashed(self) -> int:
         return hash(tuple(repr(object.__getattribute__(self, name)) for name in sorted(names)))
 
     return dataclasses.dataclass(frozen=True, eq=False, init=False)(type(kind.__name__, (kind,), {
-        "__getattribute__": read, "__eq__": equal, "__hash__": digest, "__module__": kind.__module__}))
+        "__getattribute__": read, "__eq__": equal, "__hash__": hashed, "__module__": kind.__module__}))
 
 
 def _beside(frame: FrameType | None) -> bool:
     """Whether a stage that is run prints what it will do, by a module that its digest leaves out."""
-    while frame is not None:
-        if frame.f_globals.get("__name__") == BESIDE_ITS_WORK.get(sys.argv[0], ""):
+    beside = _printing(sys.argv[0])
+    while beside and frame is not None:
+        if frame.f_globals.get("__name__") == beside:
             return True
         frame = frame.f_back
     return False
+
+
+@functools.cache
+def _printing(stage: str) -> str:
+    """The module by which a stage prints what it will do, empty where there is none."""
+    return digest._after(digest.BESIDE, digest._file(stage))
 
 
 def main() -> None:

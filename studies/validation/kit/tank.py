@@ -165,7 +165,7 @@ class Run:
         common: dict[str, Any] = {"at": self.label, "wall_s": self.wall_s}
         missing = 0.0 if not self.failure else 1.0 - self.solver.time / self.until
         return [Row("time reached", self.solver.time, "s", reference=self.until, error=missing, tolerance=0.0,
-                    **common),
+                    relative=True, **common),
                 Row("particles", float(self.solver.count[None]), **common),
                 Row("time steps", float(self.solver.step_count), **common),
                 Row("pressure iterations per step", self.iterations, **common), *time_rows(self.seconds, **common)]

@@ -1,5 +1,6 @@
 """Families and pages that somebody puts beside his own studies: found, run, followed by digests, told when wrong."""
 import csv
+import re
 import sys
 from pathlib import Path
 
@@ -63,8 +64,11 @@ def test_a_family_and_a_page_beside_the_studies_are_run(studies, project):
     done = forked.run("pipeline.study", "stone", folder=project.folder)
     assert done.returncode == 0, done.stderr
     with open("outputs/studies/stone/draft/table.csv", newline="") as file:
-        rows = {row["case"]: (row["quantity"], row["value"], row["holds"]) for row in csv.DictReader(file)}
-    assert rows == {"fall-1": ("speed", "4.42945", "true"), "fall-0.45": ("speed", "2.97136", "true")}
+        rows = {row["case"]: row for row in csv.DictReader(file)}
+    assert {case: (row["quantity"], row["value"], row["error_is"], row["holds"]) for case, row in rows.items()} == {
+        "fall-1": ("speed", "4.42945", "relative", "true"), "fall-0.45": ("speed", "2.97136", "relative", "true")}
+    assert {row["command"] for row in rows.values()} == {"snakemake -j2 stone"}
+    assert all(" cores" in row["machine"] and re.match(r"\d+\.\d+", row["code"]) for row in rows.values())
     assert "It fell 2 times." in Path("outputs/studies/stone/draft/table.html").read_text()
 
 
