@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"warning: {options.scene}: {dotted(key)} {sentence}", file=sys.stderr)
     if not options.check:
         _write(scene.to_json(), options.output)
-    if options.check and (timeline := timeline_in_words(scene, cavity_volume(scene))):
+    if options.check and (timeline := timeline_in_words(scene, cavity_volume)):
         print(f"{scene.name}: {timeline}")  # a turn may be inherited
     elif options.output is not None and (postures := postures_in_words(scene)):
         print(f"{scene.name}: {postures}")  # a turn may be inherited

@@ -53,7 +53,7 @@ def report_of(scene: Scene, cavity_volume: float) -> Report:
     decides = deciding_limit(limits).value
     return Report(
         scene=scene.name, title=scene.title or scene.name, accuracy=scene.accuracy,
-        timeline=timeline_in_words(scene, cavity_volume), size=_sizes(scales),
+        timeline=timeline_in_words(scene, lambda _: cavity_volume), size=_sizes(scales),
         speeds=_speeds(scales), numbers=tuple(dimensionless_numbers(scales)), times=tuple(time_scales(scales)),
         time_step_limits=tuple(limits), time_step=decides, steps=step_count(scales, decides),
         advice=tuple(advice(scales, limits)))

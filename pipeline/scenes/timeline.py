@@ -3,7 +3,7 @@
 It is read from the effects, so that what a scene inherits is told as well.
 """
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import yaml
 
@@ -59,17 +59,18 @@ def timeline_of(scene: Scene, fill: Mapping[str, float] | None, cavity_volume: f
     return sorted(found, key=lambda one: (one.begin, one.end))
 
 
-def timeline_in_words(scene: Scene, cavity_volume: float) -> str:
+def timeline_in_words(scene: Scene, volume_of: Callable[[Scene], float]) -> str:
     """Return what will be done in a scene, before it is run, as one sentence; empty where nothing is done.
 
     How full a scene is that starts from another one is not known here, nor how long an injection takes then.
 
     Parameters
     ----------
-    cavity_volume : m3, in two dimensions m2.
+    volume_of : returns the volume of the cavity, m3 (in two dimensions m2); asked only where liquid flows in.
     """
     fill = None if scene.start_from else fill_at_start(scene, lambda name: scene)
-    return in_words(timeline_of(scene, fill, cavity_volume), scene.output.duration)
+    flows = any(REGISTRY[name].brings(parameters) for name, parameters in scene.effects.items())
+    return in_words(timeline_of(scene, fill, volume_of(scene) if flows else 0.0), scene.output.duration)
 
 
 def _spans(scene: Scene, name: str, fill, cavity_volume: float) -> Iterator[Span]:

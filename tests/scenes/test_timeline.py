@@ -10,7 +10,7 @@ from pipeline.scenes.load import load_scene
 from pipeline.scenes.timeline import MOST, in_words, inherited, timeline_in_words, timeline_of
 from pipeline.scenes.yaml_files import scene_files
 
-VOLUME = 5.05e-6  # m3
+VOLUME = 5.054e-6  # m3
 
 
 def loaded(name):
@@ -24,13 +24,13 @@ def loaded(name):
     ("coupling_2d", ""),
 ])
 def test_a_timeline_tells_postures_turns_injection_and_saccades(name, words):
-    assert timeline_in_words(loaded(name), 5.054e-6) == words
+    assert timeline_in_words(loaded(name), lambda scene: VOLUME) == words
 
 
 def test_postures_of_a_time_lapse_tell_both_times_and_a_lapse_of_mixing_leaves_them_alone():
-    words = timeline_in_words(loaded("day_of_postures"), VOLUME)
+    words = timeline_in_words(loaded("day_of_postures"), lambda scene: VOLUME)
     assert words.startswith("supine, head up 30 deg until 8 s (8 h); turn to upright 8 to 8.03 s (8 h to 8.03 h)")
-    words = timeline_in_words(loaded("emulsification"), VOLUME)
+    words = timeline_in_words(loaded("emulsification"), lambda scene: VOLUME)
     assert words.startswith("upright until 0.5 s; turn to prone 0.5 to 1 s")
 
 
@@ -66,5 +66,5 @@ def test_many_postures_are_told_together(scenes):
     turns = ", ".join(f"{{start: {0.1 * k + 0.05:g} s, to: {('upright', 'prone')[k % 2]}, duration: 0.02 s}}"
                       for k in range(MOST))
     (scenes / "restless.yaml").write_text(f"extends: still_eye\neffects: {{gravity: {{turns: [{turns}]}}}}\n")
-    words = timeline_in_words(load_scene(scenes / "restless.yaml", "draft"), VOLUME)
+    words = timeline_in_words(load_scene(scenes / "restless.yaml", "draft"), lambda scene: VOLUME)
     assert "postures and movements: upright first" in words and words.count(";") == 0
