@@ -57,6 +57,15 @@ def paper_scenes() -> str:
                   "minutes of the paper, on a GPU", *parts), body)
 
 
+def backends() -> str:
+    """The solver on the libraries that compile its kernels."""
+    body = [({"dam": "dam of 8,000 particles", "eye": "`tiny`, an eye of 633 particles"}[row["case"]], row["library"],
+             row["cold_start_cpu_s"], row["warm_start_cpu_s"], row["step_cpu_ms"], row["turns"],
+             "the same" if " " not in row["state_sha256"] else "others") for row in rows("backends.csv")]
+    return table(("case", "library", "s until all kernels are compiled", "s until they are loaded", "ms per step",
+                  "turns", "bits of every turn"), body)
+
+
 def page() -> str:
     """The whole page."""
     machine = (FOLDER / "dam_break" / "machine.txt").read_text().strip()
@@ -88,6 +97,14 @@ spacing, 40 steps after the first 20. Medians of turns. Machine, here and below:
 3 s of them, in one turn. The paper ran them on an NVIDIA RTX 2080 SUPER. The last columns are shares of the time.
 
 {paper_scenes()}
+
+## Taichi and its forks
+
+`python benchmarks/backends.py`: the solver on every library that can compile its kernels
+([dependencies](dependencies.md)), in turns, each in a process of its own with one thread. Seconds of the processor;
+starts include the first 10 steps, in which kernels are compiled or loaded; medians of 40 further steps.
+
+{backends()}
 """
 
 

@@ -28,7 +28,7 @@ def measure(name: str, level: str, threads: int) -> dict:
     from pipeline.cavity.container import container_arrays
     from pipeline.scenes.load import load_scene
     from pipeline.simulation.solver_setup import build_solver
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
 
     scene = load_scene(ROOT / "config" / "scenes" / f"{name}.yaml", level)
     initialize(scene.numerics.precision, threads)

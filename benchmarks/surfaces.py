@@ -356,7 +356,7 @@ def main() -> None:
     p.add_argument("--runs", type=Path, nargs="*", default=[], metavar="FOLDER", help="scene at an accuracy level")
     p.add_argument("--skip", nargs="*", default=[], choices=("balls", "cap", "drops"), help="parts to leave out")
     options = p.parse_args()
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
 
     initialize("f32", 1)
     for name, made in (("balls", lambda: balls(options.count, options.contour)), ("cap", lambda: cap(options.contour)),

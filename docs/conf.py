@@ -21,7 +21,6 @@ logger = logging.getLogger(__name__)
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 sys.path.insert(0, str(ROOT))
 
 _about = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

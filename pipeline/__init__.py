@@ -3,7 +3,6 @@
 As a library: ``pipeline.run``, ``pipeline.open_run``, ``pipeline.plan_fill``, ``pipeline.oil_at_rest``.
 """
 import importlib
-import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +11,6 @@ if TYPE_CHECKING:
     from pipeline.library.oil_at_rest import oil_at_rest
     from pipeline.library.run import open_run, run
     from pipeline.planning.plan import plan_fill
-
-# Every stage prints only what its user asked for; taichi reads this when it is imported.
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 # `python -m pipeline.<stage>`: its libraries may find no memory before the stage itself is reached.
 if sys.argv[:1] == ["-m"]:
@@ -28,9 +24,10 @@ if sys.argv[:1] == ["-m"]:
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     refuse_too_little()
 
-    from pipeline.base.surroundings import shut_out_foreign_settings
+    from pipeline.base.surroundings import refuse_missing_backend, shut_out_foreign_settings
 
     shut_out_foreign_settings()
+    refuse_missing_backend()
 
 # Imported when first asked for: a stage that needs none of this starts sooner.
 _LIBRARY = {"run": "pipeline.library.run", "open_run": "pipeline.library.run",

@@ -143,7 +143,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     from pipeline.scenes.load import load_resolved
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
 
     scene, threads = load_resolved(options.scene), checked_threads(options.threads, "--threads")
     device = chosen_device(options.device, scene, options.scene)

@@ -170,7 +170,7 @@ def warn_of_limits(scene: Scene, until: float, statistics: dict[str, float]) -> 
 def print_timings(solver) -> None:
     """One line per part of the solver: seconds and share."""
     total = sum(solver.seconds.values()) or 1.0
-    from sim.runtime import device
+    from sim.backend.runtime import device
 
     print(f"{solver.step_count} steps so far, {solver.bytes() / 2**20:.0f} MiB of fields and rows, device {device()}; "
           "seconds by part:")
@@ -183,8 +183,9 @@ def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: li
 
     clocks : what every frame took (`simulate_segment`).
     """
-    from sim.profiling import allocated, costs
-    from sim.runtime import device
+    from sim.backend.accounting import allocated
+    from sim.backend.runtime import device
+    from sim.profiling import costs
 
     parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
     numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
@@ -228,8 +229,8 @@ def main() -> None:
     if arguments.segment == 0:
         print(text_of(report_of(scene, float(initial["cavity_volume"]))), flush=True)
     state = load_checkpoint(arguments.restart) if arguments.restart else None
-    from sim.launching import counted_launches
-    from sim.runtime import initialize
+    from sim.backend.launching import counted_launches
+    from sim.backend.runtime import initialize
 
     initialize(scene.numerics.precision, threads, device, keep_to_core=True)
     try:

@@ -36,10 +36,10 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
     ----------
     threads : of the solver, 0 for as many as are useful.
     device : of the solver.
-    keep_to_core : see ``sim.runtime.initialize``.
+    keep_to_core : see ``sim.backend.runtime.initialize``.
     """
+    from sim.backend.runtime import initialize
     from sim.errors import RunError
-    from sim.runtime import initialize
 
     initialize(precision_of(case), threads, device, keep_to_core=keep_to_core)
     begin = time.perf_counter()

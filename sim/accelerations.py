@@ -1,7 +1,8 @@
-"""The accelerations that effects give a particle, of all of them in one loop over its neighbors."""
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, ti
+
+"""The accelerations that effects give a particle, of all of them in one loop over its neighbors."""
+
 
 HOOKS = ("body_acceleration", "pair_acceleration", "wall_acceleration")
 

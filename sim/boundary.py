@@ -3,11 +3,9 @@
 Equations: docs/methods/walls.md.
 """
 import numpy as np
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.reductions import blocks, first, last, partial_results, total_of
-from sim.runtime import real, real_numpy
 
 WALL_CLEARANCE = 0.1  # smallest distance of a particle to the wall's surface, in particle spacings
 

@@ -5,10 +5,9 @@ from: a pressure solve spreads one of them over all particles at once. Steps are
 repeated from a state before, so a run that went bad is repeated with a look after every part (``Solver.replay``).
 """
 import numpy as np
-import taichi as ti
 
 from sim.accelerations import HOOKS, Accelerations
-from sim.launching import data_oriented
+from sim.backend import data_oriented, ti
 
 
 def described(solver, row: int) -> str:

@@ -3,11 +3,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.errors import OutOfRoom
-from sim.launching import data_oriented
-from sim.runtime import real, real_numpy
 
 COPIED_AT_ONCE = 1024  # rows
 

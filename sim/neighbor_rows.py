@@ -13,12 +13,10 @@ product with the pressure matrix takes three quarters of the time that it takes 
 import math
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.errors import OutOfRoom
-from sim.launching import data_oriented
 from sim.reductions import first, last, partial_results, running_total
-from sim.runtime import real, real_numpy
 
 HEAD_ROOM = 1.4  # entries allocated, over those of particles at rest density
 COUNTING_SLACK = 1e-5  # of the squared support radius: rows are counted and written by different loops

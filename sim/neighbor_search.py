@@ -7,14 +7,12 @@ index, V_j grad_i W_ij and V_j W_ij written. Later passes stream these rows and 
 import itertools
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.boundary import Walls
 from sim.fields import ParticleStore
-from sim.launching import data_oriented
 from sim.neighbor_rows import COUNTING_SLACK, HEAD_ROOM, NeighborRows, entries_at_rest
 from sim.reductions import blocks, first, last, partial_results, running_total
-from sim.runtime import real, real_numpy
 
 REACH = (4, 1, 1)  # cells on each side, along each axis, that can hold neighbors: long rows of candidates fill the
 # vector registers, so that 9 of 20 to 35 take half the time of 25 of 5 to 10, though they hold more

@@ -1,11 +1,9 @@
 """Packing of a lattice into a curved cavity, before time starts (docs/methods/walls.md)."""
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, ti
 from sim.fields import Field, ParticleStore
-from sim.launching import data_oriented
 from sim.neighbor_search import NeighborSearch, corners
-from sim.runtime import real
 from sim.smoothing_kernels import WendlandC2
 
 RELAXATION = 0.15  # x -= 0.15 dx h S_i per iteration

@@ -6,12 +6,10 @@ the volume rate of the wall rows back onto the liquid, so that A is symmetric, m
 wall, and a tangential slip feels no wall pressure (p_b = 0 and mirrored pressures leave 24-44 % hydrostatic error on
 curved walls). Equations: docs/methods/pressure.md.
 """
-import taichi as ti
 
+from sim.backend import data_oriented, real, ti
 from sim.fields import ParticleStore
-from sim.launching import data_oriented
 from sim.neighbor_search import NeighborSearch
-from sim.runtime import real
 
 
 @data_oriented

@@ -4,12 +4,10 @@ A completely full cavity takes any sign of the pressure and fixes it up to a con
 with a free surface wants p >= 0 with A p >= b, and equality where p > 0: Jacobi iterations with a clamp, plain or
 accelerated. Equations: docs/methods/pressure.md.
 """
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, real, ti
 from sim.pressure_operators import PressureOperators
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
-from sim.runtime import real
 
 POWER_ITERATIONS = 40  # for the largest eigenvalue of D^-1 A
 JACOBI_LIMIT = 1.6  # plain relaxation over the largest eigenvalue; 2 is the limit of stability

@@ -6,18 +6,12 @@ compiled for, or where it sorts a field, from the field. All is read off afterwa
 counted but launches, one addition each, and only if asked for.
 """
 import dataclasses
-import math
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 
-import numpy as np
-import taichi as ti
-from taichi._snode.fields_builder import FieldsBuilder
-from taichi.lang.impl import get_runtime
-from taichi.lang.util import to_numpy_type
-
 from sim.accelerations import HOOKS
+from sim.backend.accounting import compiled_kernels, is_field, size_of
 
 PARTICLES, NEIGHBORS, SOLVER = "particles", "neighbors", "solver"
 # Rows of `solver.seconds` that belong to no effect and not to the scheme.
@@ -30,7 +24,7 @@ class Cost:
 
     Attributes
     ----------
-    fields, bytes : Taichi fields that it holds, and their memory; a field belongs to the first part that declares it.
+    fields, bytes : fields that it holds, and their memory; a field belongs to the first part that declares it.
     kernels, launches : kernels compiled for it, and how often they were started.
     seconds, cpu_seconds : time in it, by the clock and of all cores.
     hooks : what it adds to the loop of all effects, whose time counts for the solver.
@@ -44,17 +38,6 @@ class Cost:
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     hooks: tuple[str, ...] = ()
-
-
-def size_of(field) -> int:
-    """Memory of a Taichi field, bytes."""
-    return math.prod(field.shape) * len(field.vars) * np.dtype(to_numpy_type(field.dtype)).itemsize
-
-
-def allocated() -> int:
-    """Memory of all fields of this process as Taichi has laid it out, bytes: their sizes, rounded up to 8 each."""
-    get_runtime().materialize()
-    return sum(root._cell_size_bytes for root in FieldsBuilder._finalized_roots())
 
 
 class Owners:
@@ -91,7 +74,7 @@ class Owners:
         waiting = list(values)
         while waiting:
             value = waiting.pop()
-            if isinstance(value, ti.Field):
+            if is_field(value):
                 self.fields.setdefault(id(value), (part, value))
             elif isinstance(value, list | tuple):
                 waiting += value
@@ -110,14 +93,6 @@ class Owners:
         return part
 
 
-def compiled_kernels() -> Iterator[tuple[object, object, tuple]]:
-    """All kernels that this process has compiled: the function, the handle, and what the template arguments were."""
-    for kernel in get_runtime().kernels:
-        features = {instance: key for key, instance in kernel.mapper.mapping.items()}
-        for (function, instance, _), handle in kernel.compiled_kernels.items():
-            yield function, handle, features[instance]
-
-
 def times(solver) -> dict[str, tuple[float, float]]:
     """Time by the clock and of all cores in every timed row of a solver so far, s."""
     return {name: (seconds, solver.cpu_seconds[name]) for name, seconds in solver.seconds.items()}
@@ -128,7 +103,7 @@ def costs(solver, launches: Mapping = MappingProxyType({}), before: Mapping = Ma
 
     Parameters
     ----------
-    launches : what `sim.launching.counted_launches` has counted.
+    launches : what `sim.backend.launching.counted_launches` has counted.
     before : what :func:`times` gave earlier, to leave out the first steps, in which kernels are compiled.
     """
     owners = Owners(solver)

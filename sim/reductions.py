@@ -1,3 +1,6 @@
+
+from sim.backend import ti
+
 """Sums and extreme values over particles whose last digit does not depend on the number of threads.
 
 Particles are taken in blocks; one thread works through one block in order, and the partial results of the blocks are
@@ -16,7 +19,6 @@ The loop over blocks has to stand in the kernel itself: Taichi makes only those 
 the CPU `TASK` turns of a loop at a time, whatever it is asked for, so that a few hundred blocks are worked through by
 one thread: what costs time for each entry belongs into a loop over the entries before.
 """
-import taichi as ti
 
 TASK = 512  # turns of a loop that Taichi gives to a thread of the CPU at a time
 SMALLEST_BLOCK = 64  # entries of a block: enough blocks for the threads with a few thousand particles

@@ -2,7 +2,7 @@
 import dataclasses
 from typing import Any
 
-from sim.devices import AUTO, DEVICES
+from sim.backend.devices import AUTO, DEVICES
 from sim.liquid import Liquid
 from sim.parameters import parameter
 from sim.schemes import REGISTRY as SCHEMES

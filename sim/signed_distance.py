@@ -1,9 +1,7 @@
 """The cavity's signed distance on a regular grid: negative inside."""
 import numpy as np
-import taichi as ti
 
-from sim.launching import data_oriented
-from sim.runtime import real, real_numpy
+from sim.backend import data_oriented, real, real_numpy, ti
 
 
 @data_oriented

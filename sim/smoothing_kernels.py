@@ -7,9 +7,7 @@ import math
 from types import MappingProxyType
 from typing import Any
 
-import taichi as ti
-
-from sim.launching import data_oriented
+from sim.backend import data_oriented, ti
 
 
 @data_oriented

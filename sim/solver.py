@@ -6,20 +6,18 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import taichi as ti
 
 from sim import effects as effect_registry
 from sim import schemes
 from sim.accelerations import Accelerations
+from sim.backend import data_oriented, device, real_numpy, sync, ti
 from sim.diagnosis import Watcher, bad_number, described
 from sim.effect_selection import without_idle
 from sim.errors import OutOfRoom, RunError
 from sim.fields import Field, ParticleStore
-from sim.launching import data_oriented
 from sim.neighbor_rows import HEAD_ROOM
 from sim.neighbor_search import NeighborSearch, corners
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
-from sim.runtime import device, real_numpy
 from sim.settings import Settings
 from sim.signed_distance import SignedDistance
 from sim.smoothing_kernels import KERNELS
@@ -116,7 +114,7 @@ class Solver:
         # kernels above are those of every scheme, and those of a scheme the same whatever effects there are.
         self.particles.add(scheme.fields)
         self.scheme = scheme(self)
-        ti.sync()
+        sync()
         self.particles.add(f for c in classes for f in c.fields)
         parameters = {type(p): p for p in settings.effects}
         self.turning = [(c, parameters[c.Parameters]) for c in classes if c.overrides("into_eye")]
@@ -287,7 +285,7 @@ class Solver:
         start, cpu_start = time.perf_counter(), time.process_time()
         result = function(*arguments)
         if self.on_gpu:  # else the time would count for the next part that waits
-            ti.sync()
+            sync()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.cpu_seconds[name] = self.cpu_seconds.get(name, 0.0) + time.process_time() - cpu_start
         if self.watcher:

@@ -5,12 +5,10 @@ complement S = E^T D (M + dt K)^-1 D^T E in place of A. A^-1 + B, with a diagona
 its inverse [cahouet1988], and one direction of descent with a line search takes most of what is left. Equations:
 docs/methods/pressure.md.
 """
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, real, ti
 from sim.pressure_operators import PressureOperators
 from sim.reductions import blocks, first, last, partial_results, total_of
-from sim.runtime import real
 from sim.smoothing_kernels import LatticeGradients
 
 

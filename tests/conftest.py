@@ -11,14 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import forked
+
+from pipeline.base.surroundings import refuse_missing_backend
+from sim.backend.choice import library
+
+refuse_missing_backend()
+from helpers import forked  # noqa: E402  it asks for the same
 
 ROOT = Path(__file__).parents[1]
-# Kernels once compiled are kept for all tests, for the stages that these start and for the next run: Taichi's own
-# limit of 100 MB is less than the tests need, and what is over it would be compiled again.
-COMPILED = ROOT / ".pytest_cache" / "taichi"
-os.environ.setdefault("TI_OFFLINE_CACHE_FILE_PATH", str(COMPILED))
-os.environ.setdefault("TI_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(2**30))
+# Kernels once compiled are kept for all tests, for the stages that these start and for the next run: the library's
+# own limit of 100 MB is less than the tests need, and what is over it would be compiled again.
+COMPILED = ROOT / ".pytest_cache" / library().name
+os.environ.setdefault(library().variable("offline_cache_file_path"), str(COMPILED))
+os.environ.setdefault(library().variable("offline_cache_max_size_of_files"), str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
 LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "stages")
 
@@ -64,9 +69,8 @@ def taichi():
     With one thread: for a few hundred particles two cost more than twice as much. That they give the same bits is
     tested.
     """
-    import taichi as ti
-
-    from sim.runtime import initialize, shut_down
+    from sim.backend import ti
+    from sim.backend.runtime import initialize, shut_down
 
     shut_down()
     initialize("f64", 1)
@@ -92,7 +96,7 @@ def anew(taichi) -> None:
 
     A compiled kernel is found again only where its fields have the same numbers, which count from the start.
     """
-    from sim.runtime import restart
+    from sim.backend.runtime import restart
 
     restart()
 
@@ -173,7 +177,7 @@ def circle() -> dict[str, np.ndarray]:
     """Return the arrays of a packed circle of ten spacings."""
     from helpers.cavities import RADIUS, cavity
 
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
 
     initialize("f64", 1)
     return cavity("circle", RADIUS)

@@ -7,8 +7,8 @@ import numpy as np
 
 from pipeline.cavity.shapes import shape_arrays
 from sim import schemes
+from sim.backend.runtime import initialize
 from sim.effects import REGISTRY
-from sim.runtime import initialize
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import Solver
 

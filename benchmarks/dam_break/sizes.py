@@ -33,10 +33,9 @@ COLUMNS = ("scheme", "n", "particles", "wall_particles", "turns", "wall_s_per_st
 def measure(scheme: str, n: int, threads: int, device: str) -> dict[str, float]:
     """Run the dam with n^3 particles in this process and return what it took."""
     from ours import build
-    from taichi import sync
 
-    from sim.profiling import allocated
-    from sim.runtime import initialize
+    from sim.backend.accounting import allocated
+    from sim.backend.runtime import initialize, sync
 
     initialize("f32", threads, device)
     solver = build(scheme, n, COURANT_STEP / n)
@@ -111,7 +110,7 @@ def machine() -> str:
 
 def main() -> None:
     """Command line."""
-    from sim.devices import DEVICES, lack
+    from sim.backend.devices import DEVICES, lack
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--sizes", type=int, nargs="+", default=SIZES, metavar="N",

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from pipeline.base.files import replacing
+from sim.backend.choice import backend_version
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("pipeline", "sim", "studies")
@@ -35,6 +36,9 @@ SPEAKING_HOOKS = ("advice", "speeds", "wall_speeds", "omitted_acceleration", "nu
 SPEAKING_PREFIXES = ("_advice", "_check")
 TEXTS = (".css", ".html", ".js")  # that count with the module beside them that has their name
 
+# What imports it computes with the library of kernels: other versions of that may have other results.
+KERNELS = "sim.backend.language"
+
 # What files say, by what they hold, for processes to come: to parse all takes seconds.
 KNOWN = Path(importlib.util.cache_from_source(__file__)).with_suffix(".json")
 MOST_KNOWN = 5000  # files; more are of versions long past
@@ -51,11 +55,15 @@ def shortened(*texts: str) -> str:
 
 
 def code_used(module: str, chosen: Iterable[str] = ()) -> str:
-    """Return the paths of all that :func:`modules_used` names, and digests of their code."""
+    """Return the paths of all that :func:`modules_used` names, and digests of their code.
+
+    Where kernels are among it, name and version of the library that compiles them stand before all.
+    """
     before = len(_known())
     used = modules_used(module, chosen)
     speaks = any(_says(path) == ALL_SPEAK for path in used)
-    text = "".join(f"{_told(path)}\n{_meaning(path, speaks)}\n" for path in used)
+    text = f"{backend_version()}\n" if _file(KERNELS) in used else ""
+    text += "".join(f"{_told(path)}\n{_meaning(path, speaks)}\n" for path in used)
     if len(_known()) > before and not sys.dont_write_bytecode:
         with contextlib.suppress(OSError), replacing(KNOWN) as partial:     # without it the next process parses again
             partial.write_text(json.dumps(_known()), encoding="utf-8")

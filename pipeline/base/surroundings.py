@@ -5,6 +5,8 @@ import sysconfig
 from collections.abc import Iterable
 from pathlib import Path
 
+from sim.backend.choice import NoBackend, library
+
 # Settings of Matplotlib: a backend that this version does not know would end every stage.
 FOREIGN = ("MPLBACKEND",)
 
@@ -15,6 +17,15 @@ def shut_out_foreign_settings() -> None:
         os.environ.pop(name, None)
     named = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     sys.path[:] = behind_installed(sys.path, named, Path(sysconfig.get_path("purelib")))
+
+
+def refuse_missing_backend() -> None:
+    """End the process with one sentence where the library of kernels that the environment names is not there."""
+    try:
+        library()
+    except NoBackend as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def behind_installed(path: Iterable[str], named: Iterable[Path], installed: Path) -> list[str]:

@@ -13,9 +13,9 @@ from pipeline.cavity.signed_distance_grid import SignedDistance, distance_of_mes
 from pipeline.cavity.wall_layers import wall_layers
 from pipeline.scenes.memory_check import too_large
 from pipeline.scenes.model import Scene
+from sim.backend.runtime import initialize
 from sim.effects import REGISTRY
 from sim.packing import pack
-from sim.runtime import initialize
 
 if TYPE_CHECKING:
     import trimesh

@@ -20,6 +20,7 @@ from pipeline.forecast.phases import phases_of
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Scene
+from sim.backend.choice import backend_version
 from sim.cores import available_cores
 
 KEPT = Path("outputs/measurements")
@@ -38,10 +39,7 @@ STAGES = ("reconstruct", "render", "metrics")
 @functools.cache
 def computer() -> str:
     """Return the processor, its cores, and the versions that decide how fast it is."""
-    import taichi
-
-    versions = f"Python {platform.python_version()}, Taichi {'.'.join(map(str, taichi.__version__))}"
-    return f"{processor()}, {available_cores()} cores, {versions}"
+    return f"{processor()}, {available_cores()} cores, Python {platform.python_version()}, {backend_version()}"
 
 
 def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:

@@ -194,8 +194,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     p.add_argument("--output", type=Path, required=True, help="file to write (JSON)")
     options = p.parse_args(arguments)
     scene, initial = load_resolved(options.scene), load_initial(options.initial)
+    from sim.backend.runtime import initialize
     from sim.errors import RunError
-    from sim.runtime import initialize
 
     initialize(scene.numerics.precision, scene.numerics.threads, chosen_device(None, scene, options.scene),
                keep_to_core=True)

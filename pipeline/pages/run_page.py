@@ -34,6 +34,7 @@ from pipeline.scenes.timeline import inherited, timeline_of, when
 from pipeline.simulation.cost_files import read_costs
 from pipeline.web.chart import Bar, bars, chart_library, chart_style, charts
 from pipeline.web.scripts import POLICY, called, library
+from sim.backend.choice import library as library_of_kernels
 from sim.effects import REGISTRY
 from sim.liquid import GAS_DENSITY
 
@@ -47,7 +48,7 @@ NO_FILMS = ", or films of aqueous thinner than the particle spacing"
 FILMS_TOLD = (". Films of aqueous thinner than the particle spacing are not simulated: theory tells where they are and "
               "how thick, by how fast the oil came over the wall and how long ago. The retina there counts as under "
               "oil, but not as touched")
-PACKAGES = ("eye-oil-pipeline", "taichi", "numpy", "scipy", "pyvista", "vtk", "snakemake")
+PACKAGES = ("eye-oil-pipeline", library_of_kernels().name, "numpy", "scipy", "pyvista", "vtk", "snakemake")
 FILES = {"movie.mp4": "movie", "movie.gif": "movie for slides", "poster.png": "last picture",
          "still.png": "illustration", "film.mp4": "film of the illustration", "moments.png": "eight moments",
          "metrics.csv": "metrics of every frame", "effects.csv": "cost of the effects",

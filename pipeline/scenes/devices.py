@@ -4,7 +4,7 @@ from pathlib import Path
 from pipeline.base.errors import UserError
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe
-from sim.devices import AUTO, DEVICES, best_device, lack, usable_devices
+from sim.backend.devices import AUTO, DEVICES, best_device, lack, usable_devices
 
 CHOICES = (AUTO, *DEVICES)
 HELP = (f"device of the solver, one of {', '.join(CHOICES)}; auto is cuda where there is an NVIDIA GPU, else cpu; "

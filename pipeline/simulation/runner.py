@@ -61,8 +61,8 @@ class Runner:
             `error` again, where nothing rebuilds, more room does not fit into memory, or liquid is compressed so far
             that it is no remedy.
         """
+        from sim.backend.runtime import restart
         from sim.errors import OutOfRoom
-        from sim.runtime import restart as restart_taichi
 
         kept = {name: getattr(self.solver, name) for name in ("seconds", "cpu_seconds") if self.solver}
         while True:
@@ -73,7 +73,7 @@ class Runner:
                 raise OutOfRoom(f"{error}, and there is no memory for more: numerics.particle_spacing {reason}")
             print(f"{error}; going on from {float(state['time']) if state else 0.0:.4g} s with more room", flush=True)
             self.solver = None
-            restart_taichi()
+            restart()
             try:
                 self.solver = self.rebuild(self.head_room)
                 vars(self.solver).update(kept)

@@ -6,9 +6,9 @@ surface gets even and does not shrink. Both liquids are from one partition of un
 Equations: docs/methods/surfaces.md.
 """
 import numpy as np
-import taichi as ti
 
 from pipeline.surfaces.fraction_field import SUPPORT, FractionField, Vector, bins_around
+from sim.backend import ti
 
 NEIGHBORHOOD = 3.0      # radius in which the particles around one are looked at, in spacings
 DRAWN = 0.9             # share of the way from a particle to the center of those around it

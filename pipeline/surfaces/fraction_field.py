@@ -7,8 +7,9 @@ number of threads. The sums are kept apart by the phase of the particles: their 
 Equations: docs/methods/surfaces.md.
 """
 import numpy as np
-import taichi as ti
 from scipy.sparse import coo_matrix
+
+from sim.backend import ti
 
 SUPPORT = 2.5  # in particle spacings; smaller is rougher, larger wipes out films and drops
 NORMALIZATION = {2: 7.0 / np.pi, 3: 10.5 / np.pi}       # of Wendland C2 with support 1, by dimension

@@ -10,12 +10,10 @@ was asked for: for that there is `interface_tension`.
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
 from sim.advice import if_zero, without_unit
+from sim.backend import data_oriented, ti
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
-from sim.launching import data_oriented
 from sim.parameters import parameter
 
 

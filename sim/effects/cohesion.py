@@ -26,14 +26,11 @@ import dataclasses
 import math
 from types import MappingProxyType
 
-import taichi as ti
-
 from sim.advice import if_zero, without_unit
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
-from sim.launching import data_oriented
 from sim.parameters import parameter
-from sim.runtime import real
 
 PLANE = {2: 0.0049222, 3: 0.0029830}  # a (C7): tension of a plane over gamma rho^2 h^2
 LARGEST_STEP = 0.25  # over sqrt(rho dx^3/(2 pi sigma))

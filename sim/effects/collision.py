@@ -19,14 +19,12 @@ A hull of neighbors around a hollow holds what is in the hollow: `least_share` a
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
 from sim.advice import SEEN_EFFECT, WARNING, Advice, if_alone
+from sim.backend import data_oriented, ti
 from sim.boundary import WALL_CLEARANCE
 from sim.effects.effect import MIXES, Effect
 from sim.effects.parts.convex_hull import ConvexHull
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 
 BEYOND = 1.001  # of the way to the surface of the hull, so that the particle ends outside

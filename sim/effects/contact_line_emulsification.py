@@ -38,15 +38,13 @@ import dataclasses
 import math
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import SEEN_EFFECT, WARNING, Advice, shown
+from sim.backend import data_oriented, real, ti
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, total_of
-from sim.runtime import real
 
 LAYER = 2.0  # depth of the layer at the wall in which the contact line is found, in particle spacings
 # Main sequence of saccades: duration at no amplitude, s, and per amplitude, s/rad (2.2 ms per degree).

@@ -9,13 +9,11 @@ import dataclasses
 import math
 from types import MappingProxyType
 
-import taichi as ti
-
 from sim.advice import if_zero, without_unit
+from sim.backend import data_oriented, ti
 from sim.effects.effect import PULLS, Effect
 from sim.effects.parts.same_liquid import Likeness
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 
 

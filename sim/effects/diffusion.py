@@ -8,11 +8,9 @@ Equations: docs/methods/mixtures.md.
 import dataclasses
 import math
 
-import taichi as ti
-
 from sim.advice import SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
+from sim.backend import data_oriented, ti
 from sim.effects.parts.mixture import Mixing
-from sim.launching import data_oriented
 from sim.parameters import parameter
 
 MIXED = 10.0  # particle spacings over which liquids have mixed when more of it no longer matters to the solves

@@ -20,15 +20,12 @@ the fractions in [0, 1]. Equations: docs/methods/mixtures.md.
 import dataclasses
 import math
 
-import taichi as ti
-
 from sim.advice import SEEN_EFFECT, WARNING, Advice, if_alone, if_zero, is_seen, shown, times
+from sim.backend import data_oriented, real, ti
 from sim.effects.parts.mixture import Mixing
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import Liquid
 from sim.parameters import parameter
-from sim.runtime import real
 
 TRACE = 1e-9  # share of every liquid in the surroundings of a droplet, so that pure liquid has surroundings too
 STOKES_REYNOLDS = 1.0  # at Re 1 the drag is 19 % above that of Stokes (Oseen: 3/16 Re), and beyond droplets are far

@@ -14,11 +14,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import Advice, Limit, Quantity
+from sim.backend import data_oriented, ti
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.measures import Measure
 
 # What an effect can do that others, or a stage, must know of.

@@ -19,14 +19,12 @@ import itertools
 import math
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, shown, times
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import Effect
-from sim.launching import data_oriented
 from sim.measures import Measure
 from sim.parameters import parameter
-from sim.runtime import real
 
 SHORTEST, PER_ANGLE = 21e-3, 2.2e-3 / math.radians(1.0)  # s and s/rad, duration of a saccade: 2.2 ms per degree
 PEAK_OVER_MEAN = 1.64  # rate of a saccade

@@ -12,15 +12,13 @@ import itertools
 import math
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import EARTH_GRAVITY, NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, is_seen, long_time, shown, times
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import WEIGHS, Effect
 from sim.effects.parts.postures import POSTURES, Course, Move, direction_of, posture_in_words, words_of
-from sim.launching import data_oriented
 from sim.liquid import are_unlike
 from sim.parameters import parameter
-from sim.runtime import real
 
 # A turn follows the minimum-jerk profile: its peak rate is 15/8 and its peak acceleration 10/sqrt(3) of angle over
 # duration and duration squared.

@@ -15,17 +15,15 @@ import math
 from types import MappingProxyType
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, shown
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.effects.effect import GROWTH, MIXES, REMEMBERS, Effect
 from sim.errors import RunError
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import UNLIKE, are_unlike
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
-from sim.runtime import real, real_numpy
 
 STEPS_TO_DOUBLE = 12  # a particle takes at least about this many steps to double or to halve
 WIDEST = 1.5  # radius of the regions over the one asked for: what the flow asks for beyond it, shorter steps give

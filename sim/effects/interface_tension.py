@@ -24,19 +24,17 @@ import dataclasses
 import math
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Quantity, if_alone, if_zero, is_seen, shown, times
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import MIXES, PULLS, Effect
 from sim.effects.parts.contact_line import fastest_retreat
 from sim.effects.parts.level_set import LevelSet
 from sim.errors import OutOfRoom
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import are_unlike
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total, total_of
-from sim.runtime import real
 
 DRAWN_IN = 0.36  # the zero of the level set is drawn in by 0.36 kappa dx^2 by splatting and smoothing: measured on
 # packed spheres of 3 and 4 dx and circles of 4 to 10 dx; a drop of 4 dx looks 13 % too small in volume

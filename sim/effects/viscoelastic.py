@@ -17,14 +17,11 @@ momentum, and spin, because a rotation has no D.
 """
 import dataclasses
 
-import taichi as ti
-
 from sim.advice import SEEN_EFFECT, WARNING, Advice
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import REMEMBERS, Effect
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
-from sim.runtime import real
 
 SPRAY = 0.02  # no stress below this determinant of the moments of the kernel gradient (1 inside, 1/16 in a corner)
 WAVE_COURANT = 0.3  # distance that a shear wave travels per step, in particle spacings

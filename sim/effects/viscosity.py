@@ -11,8 +11,7 @@ Equations: docs/methods/viscosity.md.
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
+from sim.backend import data_oriented, ti
 from sim.effects.effect import RESISTS, SHEARS, Effect
 from sim.effects.parts.liquid_viscosity import (
     EXPLICIT_WALL_FACTOR,
@@ -30,7 +29,6 @@ from sim.effects.parts.viscous_advice import (
 )
 from sim.effects.parts.viscous_weights import harmonic_mean
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 
 

@@ -19,9 +19,8 @@ import dataclasses
 from types import MappingProxyType
 from typing import ClassVar
 
-import taichi as ti
-
 from sim.advice import NOTE, WARNING, Advice
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import RESISTS, SHEARS, Effect
 from sim.effects.parts.line_friction import LineFriction
 from sim.effects.parts.liquid_viscosity import LiquidViscosity, explicit_limit, without_viscosity
@@ -36,10 +35,8 @@ from sim.effects.parts.viscous_advice import (
 from sim.effects.parts.viscous_forms import FORMS
 from sim.effects.viscosity import Viscosity, ViscosityParameters
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, total_of
-from sim.runtime import real
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,17 +17,15 @@ import math
 from types import MappingProxyType
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, if_zero, is_seen, shown, times
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import MIXES, REMEMBERS, Effect
 from sim.effects.parts.contact_line import DEPOSIT, THICKEST, VISCOUS
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import UNLIKE, are_unlike
 from sim.parameters import parameter
 from sim.reductions import blocks, first, last, partial_results, running_total
-from sim.runtime import real
 
 THICK = 0.3  # share of a liquid among the neighbors deeper by half a spacing, from which on it is thick; with 0.8 the
 # ends of a thin lens (95 % oil in a circle) are taken for film

@@ -17,14 +17,12 @@ Equations: docs/methods/position_based.md.
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
 from sim.advice import NOTE, Advice, if_zero, shown, smallest
+from sim.backend import data_oriented, ti
 from sim.effects.effect import SHEARS, Effect
 from sim.effects.parts.liquid_viscosity import EXPLICIT_WALL_FACTOR, LiquidViscosity, without_viscosity
 from sim.effects.parts.viscous_advice import acting
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.smoothing_kernels import KERNELS
 

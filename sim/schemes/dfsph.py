@@ -14,15 +14,12 @@ Equations: docs/methods/dfsph.md.
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
+from sim.backend import data_oriented, real, ti
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
-from sim.runtime import real
 from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 

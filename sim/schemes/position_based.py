@@ -24,15 +24,13 @@ import itertools
 from types import MappingProxyType
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.boundary import WALL_CLEARANCE
 from sim.effects.effect import GROWTH
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
 from sim.reductions import blocks, first, largest_of, last, partial_results, total_of
-from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 

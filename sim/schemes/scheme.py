@@ -12,11 +12,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import taichi as ti
-
+from sim.backend import data_oriented, ti
 from sim.effects import REGISTRY
 from sim.fields import Field
-from sim.launching import data_oriented
 
 if TYPE_CHECKING:  # the settings ask for the names of the schemes
     from sim.advice import Limit

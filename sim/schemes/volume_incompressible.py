@@ -7,17 +7,15 @@ paper, fed back into the velocity, destroys a still tank). Equations: docs/metho
 import math
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.boundary import WallStop
 from sim.errors import RunError
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import are_unlike
 from sim.pressure_operators import PressureOperators
 from sim.pressure_solver import ConjugateResiduals
 from sim.reductions import blocks, first, largest_of, last, least_of, partial_results, total_of
-from sim.runtime import real, real_numpy
 from sim.schemes.scheme import Scheme
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
 from sim.viscous_coupling import ViscousCoupling

@@ -13,12 +13,10 @@ exact (1 % instead of 12 % of rho g H in two layers of 1:2), and the solves need
 import dataclasses
 from types import MappingProxyType
 
-import taichi as ti
-
+from sim.backend import data_oriented, ti
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.liquid import are_unlike
 from sim.parameters import parameter
 from sim.pressure_operators import PressureOperators

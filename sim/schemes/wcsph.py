@@ -12,15 +12,13 @@ import math
 from types import MappingProxyType
 
 import numpy as np
-import taichi as ti
 
 from sim.advice import ESTIMATE, Limit
+from sim.backend import data_oriented, real, ti
 from sim.boundary import WallStop
 from sim.effects.effect import GROWTH
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.parameters import parameter
-from sim.runtime import real
 from sim.schemes.scheme import Scheme
 from sim.smoothing_kernels import lattice_sum
 

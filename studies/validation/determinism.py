@@ -85,7 +85,7 @@ PRECISION = "single against double precision"
 
 def start_taichi(precision: str, threads: int) -> None:
     """Start Taichi anew, on the same device."""
-    from sim.runtime import restart
+    from sim.backend.runtime import restart
 
     restart(precision=precision, threads=threads)
 
@@ -126,7 +126,7 @@ def different(found: dict, expected: dict) -> int:
 
 def measured(case: Parameters) -> dict[str, np.ndarray]:
     """What a run without the chaos of all effects comes to: two liquids that change places."""
-    from sim.runtime import real_numpy
+    from sim.backend.runtime import real_numpy
 
     single = real_numpy() is np.float32
     tank = (hard.closed_tank if case.cavity == "closed" else hard.open_tank)(case.scheme,

@@ -11,8 +11,8 @@ import numpy as np
 from pipeline.scenes.model import Scene
 from pipeline.studies.family import Family
 from pipeline.studies.model import Curve, Figure, Outcome, Row
+from sim.backend.runtime import restart
 from sim.parameters import parameter
-from sim.runtime import restart
 from studies.validation.eye_rest import SCENE, height_of_aqueous
 from studies.validation.kit.tank import TankParameters, advance, field, scene_solver
 

@@ -116,3 +116,13 @@ def test_code_that_changes_is_read_anew(kept, tmp_path, monkeypatch):
         file.write_text(code)
         said.append(digest.code_used("pipeline.stage"))
     assert said[0] == said[2] != said[1]
+
+
+def test_another_library_of_kernels_changes_what_is_computed_with_it(monkeypatch):
+    stages = ("voxelize", "simulate", "reconstruct", "movie")
+    before = {stage: digest.code_used(f"pipeline.{stage}") for stage in stages}
+    changed = set()
+    for version in ("taichi 1.7.5", "quadrants 1.7.4"):
+        monkeypatch.setattr(digest, "backend_version", lambda version=version: version)
+        changed |= {stage for stage in stages if digest.code_used(f"pipeline.{stage}") != before[stage]}
+    assert changed == {"voxelize", "simulate", "reconstruct"}

@@ -1,4 +1,5 @@
 """What is installed: one lock file for all Pythons, what it must hold, and what is said of the packages."""
+import itertools
 import re
 import subprocess
 import sys
@@ -40,6 +41,15 @@ def test_lock_file_holds_what_the_project_asks_for(python):
     asked = [Requirement(one) for one in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]
     missing = [str(one) for one in asked if not one.specifier.contains(versions.get(canonicalize_name(one.name), "0"))]
     assert missing == []
+
+
+def test_every_package_is_told_of():
+    """What for, by whom, with what license and what instead."""
+    rows = [line.strip("| ").split(" | ") for line in (ROOT / "docs" / "dependencies.md").read_text().splitlines()
+            if re.match(r"\| (?!package)[a-z0-9-]+ \|", line)]
+    asked = [*PROJECT["dependencies"], *itertools.chain(*PROJECT["optional-dependencies"].values())]
+    assert sorted(row[0] for row in rows) == sorted({canonicalize_name(Requirement(one).name) for one in asked})
+    assert all(len(row) == 5 and all(row) for row in rows)
 
 
 def test_pythons_that_are_claimed_are_those_that_run_looks_for():

@@ -6,15 +6,17 @@ import sys
 import pytest
 from conftest import ROOT
 
-OWN = ("XDG_CACHE_HOME", "USER", "LOGNAME", "TI_OFFLINE_CACHE_FILE_PATH")
+from sim.backend.choice import library
+
+OWN = ("XDG_CACHE_HOME", "USER", "LOGNAME", library().variable("offline_cache_file_path"))
 SHOW = "import os; run(lambda: print(os.environ['XDG_CACHE_HOME'], os.environ['USER']))"
 
 TAICHI = """
 def main():
-    import taichi
-    from sim.runtime import initialize
+    from sim.backend import ti
+    from sim.backend.runtime import initialize
     initialize("f32", 1, "cpu")
-    taichi.field(int, 3).fill(1)
+    ti.field(int, 3).fill(1)
 run(main)
 """
 
@@ -44,4 +46,4 @@ def test_taichi_runs_without_a_home(tmp_path):
     """It crashed at its end, when it could not keep what it had compiled."""
     done = run_without_home(tmp_path, TAICHI)
     assert done.returncode == 0, done.stderr
-    assert list((tmp_path / f"eye-oil-pipeline-{os.getuid()}" / "taichi").rglob("*.tic"))
+    assert list((tmp_path / f"eye-oil-pipeline-{os.getuid()}" / library().word.lower()).rglob("*.*"))

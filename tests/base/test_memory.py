@@ -35,7 +35,7 @@ def test_libraries_that_cannot_be_loaded_are_one_sentence(stage, limit):
 
 
 @pytest.mark.parametrize("code", [
-    "from sim.runtime import initialize; run(lambda: initialize('f32', 1, 'cpu'))",
+    "from sim.backend.runtime import initialize; run(lambda: initialize('f32', 1, 'cpu'))",
     "import numpy; run(lambda: numpy.ones(2**30).sum())",
     "import threading as t; run(lambda: [t.Thread(target=t.Event().wait).start() for _ in range(10**5)])"])
 def test_what_a_stage_cannot_get_is_one_sentence(code):

@@ -8,13 +8,12 @@ import math
 import sys
 
 import numpy as np
-from taichi.lang.impl import get_runtime
 
 from pipeline.cavity.shapes import shape_arrays
+from sim.backend.runtime import has_fields, present_start, restart
 from sim.effects import REGISTRY
 from sim.neighbor_rows import HEAD_ROOM
 from sim.packing import pack
-from sim.runtime import restart
 from sim.settings import Liquid, Numerics, Settings
 from sim.solver import Solver
 
@@ -49,7 +48,7 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
     By default the upper half is oil, everything is at rest and the cavity is full; `filled` marks what is liquid.
     Taichi starts anew where no solver is left, so that kernels that were compiled before are found again.
     """
-    if get_runtime().materialized and not any_solver():
+    if has_fields() and not any_solver():
         restart()
     position, volume = arrays["fluid_position"], arrays["fluid_volume"]
     if filled is not None:
@@ -70,7 +69,7 @@ def build(arrays, *, effects=(), phase=None, liquids=(AQUEOUS, OIL), precision="
 
 def any_solver() -> bool:
     """Return whether a solver is in use, be it by an object that holds it."""
-    for key in [key for key, (runtime, _) in _shared.items() if runtime is not get_runtime()]:
+    for key in [key for key, (start, _) in _shared.items() if start is not present_start()]:
         del _shared[key]
     gc.collect()
     return any(isinstance(one, Solver) for one in gc.get_referrers(Solver))
@@ -82,9 +81,9 @@ _shared: dict = {}
 def shared(built, *arguments):
     """Return what `built` builds; tests share it until Taichi starts anew, which makes it void."""
     key = (built, *arguments)
-    if key not in _shared or _shared[key][0] is not get_runtime():
+    if key not in _shared or _shared[key][0] is not present_start():
         made = built(*arguments)
-        _shared[key] = get_runtime(), made
+        _shared[key] = present_start(), made
     return _shared[key][1]
 
 
@@ -182,7 +181,7 @@ def part(arrays, name: str) -> dict[str, np.ndarray]:
 
 def main(precision: str, threads: str, source: str, target: str, case: str) -> None:
     """Advance a case from the cavity in one file and write its results into another."""
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
     initialize(precision, int(threads))
     from helpers.kernel_samples import sample_kernels
     arrays = dict(np.load(source))

@@ -7,11 +7,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+from sim.backend.choice import library
+
 ROOT = Path(__file__).parents[2]
+library().silence()
 _forks = multiprocessing.get_context("forkserver")
 _forks.set_forkserver_preload([
-    "snakemake.cli", "snakemake.report", "taichi", "scipy.optimize", "scipy.spatial", "pyvista", "trimesh.creation",
-    "matplotlib.figure", "pydantic", "pint"])
+    "snakemake.cli", "snakemake.report", library().module, "scipy.optimize", "scipy.spatial", "pyvista",
+    "trimesh.creation", "matplotlib.figure", "pydantic", "pint"])
 
 
 def _main(module: str, arguments: tuple[str, ...], folder: Path, output: str, errors: str) -> None:

@@ -2,8 +2,8 @@
 import itertools
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import ti
 from sim.smoothing_kernels import CubicSpline, WendlandC2
 
 KERNELS = (WendlandC2, CubicSpline)
@@ -21,7 +21,7 @@ def sample(kernel: ti.template(), r: ti.template(), value: ti.template(), factor
 
 def sample_kernels() -> dict[str, np.ndarray]:
     """Return the value and the gradient's factor of every kernel at distances from 0 to 1.25 h."""
-    from sim.runtime import real, real_numpy
+    from sim.backend.runtime import real, real_numpy
     r, value, factor = (ti.field(real(), shape=SAMPLES) for _ in range(3))
     results = {}
     for case, (kernel, dimension, support) in enumerate(CASES):

@@ -44,7 +44,7 @@ def stepped(solver) -> dict:
 
 def main(device: str, shared: str, target: str, *cases: str) -> None:
     """Advance the cases twice, then what the CPU has got half way and the start once more; write the states."""
-    from sim.runtime import initialize
+    from sim.backend.runtime import initialize
 
     initialize("f32", 1, device)
     if device == "cpu":

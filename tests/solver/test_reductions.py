@@ -1,9 +1,8 @@
 """Sums, largest and least values over blocks, for any number of entries."""
 import numpy as np
 import pytest
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, ti
 from sim.reductions import (
     MOST_BLOCKS,
     SMALLEST_BLOCK,

@@ -1,10 +1,9 @@
 """The signed distance of a cavity, as kernels see it."""
 import numpy as np
 import pytest
-import taichi as ti
 
 from pipeline.cavity.shapes import shape_arrays
-from sim.runtime import real, real_numpy
+from sim.backend import real, real_numpy, ti
 from sim.signed_distance import SignedDistance
 
 pytestmark = pytest.mark.usefixtures("anew")

@@ -263,7 +263,7 @@ class Scripted:
 
 def test_a_run_that_goes_bad_with_more_room_leaves_the_solver_that_went_bad(monkeypatch):
     """The first one is void by then, so that nothing can be asked of it."""
-    monkeypatch.setattr("sim.runtime.restart", lambda: None)
+    monkeypatch.setattr("sim.backend.runtime.restart", lambda: None)
     wider, error = Scripted(RunError("it burst")), OutOfRoom("full")
     runner = Runner(Scripted(error), lambda head_room: wider)
     with pytest.raises(RunError, match="it burst"):
@@ -289,7 +289,7 @@ import numpy as np
 from helpers import cavities
 from pipeline.simulate import Runner, restore
 from sim.errors import OutOfRoom
-from sim.runtime import initialize
+from sim.backend.runtime import initialize
 
 initialize("f64", 2)
 circle = cavities.cavity("circle", cavities.RADIUS)

@@ -1,25 +1,25 @@
 """What the parts of a solver cost, and that an effect that is off allocates, compiles and launches nothing.
 
 Two solvers share the effects out among them, so that every effect is on in one and off, beside others that are on, in
-the other; a third has none. Fields are those that Taichi has laid out, kernels and functions those that it compiled.
+the other; a third has none. Fields are those that have been laid out, kernels and functions those that it compiled.
 """
 import dataclasses
 
 import pytest
 from helpers import cavities
 from helpers.effect_cases import ACTIVE, BESIDE, DROPLETS, RADIUS, THICK, THIN
-from taichi.lang.kernel_impl import Func
 
 from pipeline.effect_costs import COLUMNS, absent, add_up, page_of
 from pipeline.scenes.load import load_scene
 from sim import profiling as costs
+from sim.backend.accounting import allocated, compiled_kernels, watched_functions
+from sim.backend.launching import counted_launches
+from sim.backend.runtime import restart
 from sim.effects import REGISTRY
-from sim.launching import counted_launches
-from sim.runtime import restart
 
 pytestmark = pytest.mark.usefixtures("taichi")
 STEPS = 2
-ROUNDING = 8  # bytes to which Taichi rounds up the end of a field
+ROUNDING = 8  # bytes to which the library rounds up the end of a field
 SHARED = (costs.PARTICLES, costs.NEIGHBORS, costs.SOLVER, "volume_incompressible")
 SECOND = {*tuple(REGISTRY)[1::2], *BESIDE}  # these beside what they need
 HALVES = tuple(tuple(name for name in REGISTRY if (name in SECOND) == second) for second in (False, True))
@@ -27,10 +27,10 @@ HALVES = tuple(tuple(name for name in REGISTRY if (name in SECOND) == second) fo
 
 @dataclasses.dataclass
 class Run:
-    """A solver after some steps: its parts by name, and what Taichi did for it.
+    """A solver after some steps: its parts by name, and what was compiled for it.
 
     allocated : bytes by which the fields of the process have grown; fields : names of its particle fields;
-    compiled : functions and kernels of Taichi compiled, by their module; launched : the same of launched kernels.
+    compiled : functions and kernels compiled, by their module; launched : the same of launched kernels.
     """
 
     parts: dict[str, costs.Cost]
@@ -50,22 +50,17 @@ def runs(taichi):
 def run(cavity, names) -> Run:
     """Advance a solver with some effects and read off what it cost."""
     restart()
-    before, known = costs.allocated(), {handle for _, handle, _ in costs.compiled_kernels()}
-    called, call = set(), Func.__call__
+    before, known = allocated(), {handle for _, handle, _ in compiled_kernels()}
+    called = set()
 
-    def recorded(function, *arguments, **options):
-        called.add(function.func.__module__)
-        return call(function, *arguments, **options)
-
-    with pytest.MonkeyPatch.context() as patch, counted_launches() as launches:
-        patch.setattr(Func, "__call__", recorded)
+    with watched_functions(lambda function: called.add(function.__module__)), counted_launches() as launches:
         solver = cavities.build(cavity, effects=tuple(cavities.parameters(name, **ACTIVE[name]) for name in names),
                                 liquids=(THIN, THICK, DROPLETS), velocity=lambda x: 5.0 * x[:, ::-1] * [1.0, 1.0])
         for _ in range(STEPS):
             solver.step()
-    new = {handle: function.__module__ for function, handle, _ in costs.compiled_kernels() if handle not in known}
+    new = {handle: function.__module__ for function, handle, _ in compiled_kernels() if handle not in known}
     parts = {cost.part: cost for cost in costs.costs(solver, launches)}
-    return Run(parts, costs.allocated() - before, set(solver.particles.arrays), called | set(new.values()),
+    return Run(parts, allocated() - before, set(solver.particles.arrays), called | set(new.values()),
                {module for handle, module in new.items() if launches[handle]})
 
 

@@ -277,7 +277,7 @@ def scene_files(folder, **output):
 @pytest.fixture
 def started(monkeypatch):
     """Keep the stage from starting Taichi again in single precision."""
-    monkeypatch.setattr("sim.runtime.initialize", lambda *_, **more: None)
+    monkeypatch.setattr("sim.backend.runtime.initialize", lambda *_, **more: None)
 
 
 @pytest.mark.thorough

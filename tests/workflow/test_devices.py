@@ -18,8 +18,8 @@ from pipeline.base.errors import UserError
 from pipeline.scenes import devices as chosen
 from pipeline.scenes.load import load_scene
 from pipeline.workflow import scenes as workflow
-from sim import devices
-from sim.devices import ABSENT, SHORT
+from sim.backend import devices
+from sim.backend.devices import ABSENT, SHORT
 
 SPACINGS = {"still": HEIGHT / 8, "dam": DAM_WIDTH / 8, "eye": SPACING}  # m, of the cases that cost little
 
@@ -68,7 +68,7 @@ def test_vulkan_that_ends_long_loops_is_refused(here):
 
 @pytest.mark.thorough
 def test_taichi_does_not_fall_back_to_the_cpu():
-    code = ("from sim.runtime import NoDevice, device, initialize\n"
+    code = ("from sim.backend.runtime import NoDevice, device, initialize\n"
             "try:\n    initialize('f32', 1, 'metal')\nexcept NoDevice as error:\n    print(error)\n"
             "initialize('f32')\nprint(device())")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

@@ -53,7 +53,7 @@ def test_cores_are_those_of_the_affinity_and_of_the_quota(monkeypatch, bound, gr
 
 @pytest.mark.thorough
 def test_zero_threads_keep_those_that_run():
-    code = ("from sim.runtime import initialize\ninitialize('f32', 1)\ninitialize('f32')\n"
+    code = ("from sim.backend.runtime import initialize\ninitialize('f32', 1)\ninitialize('f32')\n"
             "try:\n    initialize('f32', 2)\nexcept RuntimeError as error:\n    print(error)")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -63,9 +63,9 @@ def test_zero_threads_keep_those_that_run():
 WHO_WORKS = """
 import contextlib
 import os
-from sim.runtime import initialize
+from sim.backend.runtime import initialize
 initialize("f32", {threads})
-import taichi as ti
+from sim.backend import ti
 
 def seconds():
     found = {{}}

@@ -1,3 +1,6 @@
+
+from sim.backend import data_oriented, real, ti
+
 """Whether a particle lies in the convex hull of some of its neighbors, and where it would leave it, on the device.
 
 The hull itself is never made. A ray from inside of it, here from the mean of the neighbors, pierces one facet of the
@@ -7,10 +10,7 @@ direction in which no neighbor lies farther than the particle (outside), or a si
 holds it (inside). What is closer to the surface of the hull than a tolerance counts as outside, so that neighbors in
 one plane (or on one line) hold nothing, however many they are.
 """
-import taichi as ti
 
-from sim.launching import data_oriented
-from sim.runtime import real
 
 TOLERANCE = {"f32": 1e-5, "f64": 1e-10}  # of the scale: round-off of the differences of positions
 MOST_STEPS = 64  # pushes of a portal; of 12 000 random and adversarial sets of up to 65 points none needed more

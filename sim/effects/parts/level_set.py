@@ -7,11 +7,9 @@ Equations: docs/methods/interface_tension.md.
 import itertools
 
 import numpy as np
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.reductions import TASK, blocks, first, last, partial_results, running_total, total_of
-from sim.runtime import real, real_numpy
 from sim.signed_distance import SignedDistance
 
 SPLAT_RADIUS = 2.0  # support of the color splat, in particle spacings

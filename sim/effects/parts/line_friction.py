@@ -7,11 +7,9 @@ remembered: the friction follows from the velocities of the last step. Equations
 import math
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, real_numpy, ti
 from sim.effects.parts.contact_line import NODES, corner_friction
-from sim.launching import data_oriented
-from sim.runtime import real, real_numpy
 
 REACH = 1.0  # size of the corner that particles do not resolve, in particle spacings
 DEPTH = 2.0  # of the liquid next to the wall that the line holds, in particle spacings

@@ -10,11 +10,9 @@ as hard as the corner does [cox1986]. So the wall holds those that see the other
 line its speed (study `validation`, family `contact_line`), or not at all, where the friction of the corner takes its
 place (``sim.effects.parts.line_friction``). Equations: docs/methods/viscosity.md.
 """
-import taichi as ti
 
+from sim.backend import data_oriented, real, ti
 from sim.fields import Field
-from sim.launching import data_oriented
-from sim.runtime import real
 
 ALONE, AMONG = 0.2, 0.4  # share of its like around a particle: that of one alone, and one as at an interface (0.4-0.7)
 

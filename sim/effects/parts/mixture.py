@@ -17,14 +17,12 @@ div(sum alpha_k rho_k v_k^d v_k^d) of [manninen1996] is left out. Equations: doc
 import math
 
 import numpy as np
-import taichi as ti
 
+from sim.backend import data_oriented, real, ti
 from sim.effects.effect import MIXES, Effect
 from sim.errors import RunError
 from sim.fields import Field
-from sim.launching import data_oriented
 from sim.reductions import blocks, first, largest_of, last, partial_results
-from sim.runtime import real
 from sim.smoothing_kernels import lattice_moment
 
 LARGEST_SHARE = 0.5  # of a liquid that leaves a particle in one sub-step; 1 is the limit of the bounds

@@ -1,7 +1,8 @@
-"""How alike the liquids of two particles are: what holds an interface together pulls on unlike pairs only."""
-import taichi as ti
 
-from sim.launching import data_oriented
+from sim.backend import data_oriented, ti
+
+"""How alike the liquids of two particles are: what holds an interface together pulls on unlike pairs only."""
+
 
 
 @data_oriented

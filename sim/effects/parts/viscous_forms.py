@@ -11,11 +11,8 @@ Equations: docs/methods/viscosity.md.
 """
 import abc
 
-import taichi as ti
-
+from sim.backend import data_oriented, real, ti
 from sim.effects.parts.viscous_weights import ViscousWeights, harmonic_mean
-from sim.launching import data_oriented
-from sim.runtime import real
 from sim.smoothing_kernels import LatticeGradients
 
 ALIKE = 0.5  # smallest ratio of viscosities of particles that turn together, in the strain form

@@ -11,10 +11,8 @@ import itertools
 import math
 
 import numpy as np
-import taichi as ti
 
-from sim.launching import data_oriented
-from sim.runtime import real
+from sim.backend import data_oriented, real, ti
 
 EVEN = {2: 2.0 * math.pi / 35.0, 3: math.pi**2 / 64.0}  # integral of w r^2/d over R^(d+2)
 LEAST_MOMENT = 0.7  # of it, at a free surface, where half is missing

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import taichi as ti
 from helpers import cavities
 from scipy.spatial import ConvexHull as Qhull
 from scipy.spatial import QhullError, cKDTree
@@ -14,8 +13,8 @@ from pipeline.cavity.blocks import contains
 from pipeline.cavity.container import block_lattices, container_arrays
 from pipeline.cavity.signed_distance_grid import SignedDistance
 from pipeline.scenes.load import load_scene
+from sim.backend import data_oriented, ti
 from sim.effects.parts.convex_hull import INSIDE, OPEN, ConvexHull
-from sim.launching import data_oriented
 from sim.neighbor_rows import NeighborRows
 from sim.settings import Liquid
 

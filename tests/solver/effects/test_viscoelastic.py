@@ -1,10 +1,10 @@
 """Maxwell liquids against exact solutions, and what their forces keep."""
 import numpy as np
 import pytest
-import taichi as ti
 from helpers import cavities
 from scipy.optimize import curve_fit
 
+from sim.backend import ti
 from sim.effects.viscoelastic import ElasticLiquid, Viscoelastic, ViscoelasticParameters
 from sim.settings import Liquid, Numerics, Settings
 

@@ -17,8 +17,8 @@ from helpers.free_surface import (
     still_tank,
 )
 
+from sim.backend.runtime import restart
 from sim.effects import REGISTRY
-from sim.runtime import restart
 from sim.schemes.volume_incompressible import VolumeIncompressible
 from sim.schemes.volume_incompressible_clamped import VolumeIncompressibleClamped, VolumeIncompressibleParameters
 from sim.settings import Liquid, Numerics, Settings

@@ -3,7 +3,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import taichi as ti
 from conftest import ROOT
 from helpers import cavities
 
@@ -13,8 +12,8 @@ from pipeline.scenes.load import load_scene
 from pipeline.simulate import simulate_segment
 from pipeline.simulation.runner import Runner
 from sim import effects
+from sim.backend import data_oriented, ti
 from sim.effects.effect import Effect
-from sim.launching import data_oriented
 from studies.validation import hard_eye
 from studies.validation.kit import hard_cases as hard
 

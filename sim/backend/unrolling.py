@@ -11,7 +11,7 @@ eights, though their marks are 64 bits wide.
 
 A sum may be added up in another order then, so that its last digit is another one.
 
-Taichi (1.7.4) has no options for this. LLVM has a function that sets its options, but Taichi's library does not export
+Taichi 1.7.4 has no options for this. LLVM has a function that sets its options, but Taichi's library does not export
 it, so that it is looked up in the table of symbols that the library comes with.
 """
 import ctypes
@@ -23,8 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.backend.choice import library
+from sim.backend.private import core
+
 OPTIONS = (b"-unroll-runtime=0", b"-force-vector-interleave=1", b"-vectorizer-maximize-bandwidth")
-SETTER, EXPORTED = b"LLVMParseCommandLineOptions", "PyInit_taichi_python"
+SETTER = b"LLVMParseCommandLineOptions"
 SYMBOL = np.dtype([("name", "<u4"), ("kind", "u1"), ("visibility", "u1"), ("section", "<u2"), ("value", "<u8"),
                    ("size", "<u8")])
 SYMBOL_TABLE = 2  # type of a section (ELF-64 object file format, version 1.5, table 8)
@@ -56,17 +59,16 @@ def leave_loops_rolled() -> str:
     """Set the options for all that this process compiles from now on; return a word for them, empty if it cannot.
 
     Where it cannot, as on systems other than Linux, kernels take longer to compile and give the same but for rounding.
-    The word is for the name of the folder of compiled kernels: Taichi does not know of the options, and would take up
-    kernels that were compiled with others.
+    The word is for the name of the folder of compiled kernels: the library does not know of the options, and would take
+    up kernels that were compiled with others.
     """
-    from taichi._lib.core import taichi_python  # imported by Taichi already
-
-    path = Path(taichi_python.__file__)
-    if not (found := addresses(path, SETTER, EXPORTED.encode())):
+    path = core()
+    exported = f"PyInit_{path.name.partition('.')[0]}"
+    if not (found := addresses(path, SETTER, exported.encode())):
         return ""
-    setter, exported = found
-    here = ctypes.cast(getattr(ctypes.PyDLL(str(path)), EXPORTED), ctypes.c_void_p).value or 0
-    words = (ctypes.c_char_p * (1 + len(OPTIONS)))(b"taichi", *OPTIONS)
-    ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_char_p), ctypes.c_char_p)(here - exported + setter)(
+    setter, known = found
+    here = ctypes.cast(getattr(ctypes.PyDLL(str(path)), exported), ctypes.c_void_p).value or 0
+    words = (ctypes.c_char_p * (1 + len(OPTIONS)))(library().module.encode(), *OPTIONS)
+    ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_char_p), ctypes.c_char_p)(here - known + setter)(
         len(words), words, None)
     return f"{zlib.crc32(b' '.join(OPTIONS)):08x}"

@@ -1,10 +1,9 @@
-"""Try a device, in a process of its own: `python -m sim.device_trial DEVICE`."""
+"""Try a device, in a process of its own: `python -m sim.backend.device_trial DEVICE`."""
 import sys
 
-import taichi as ti
-
-from sim.devices import ABSENT, SHORT
-from sim.runtime import NoDevice, initialize
+from sim.backend.devices import ABSENT, SHORT
+from sim.backend.language import ti
+from sim.backend.runtime import NoDevice, initialize
 
 LONG = 100_000  # turns of a loop; lavapipe ends all after 65,535
 

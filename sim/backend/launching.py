@@ -1,6 +1,6 @@
-"""Kernels of objects, launched without what Taichi does anew at every launch.
+"""Kernels of objects, launched without what the library does anew at every launch.
 
-Taichi (1.7.4) looks for the kernel of the arguments, makes a context and asks for the compiled code whenever a kernel
+Taichi 1.7.4 looks for the kernel of the arguments, makes a context and asks for the compiled code whenever a kernel
 is launched, and every attribute of an object with kernels is looked up by a function in Python. That was 17 of
 127 ms of processor time of a step of 5,000 particles. Here an object remembers, for each of its kernels and the fields
 given to it, the compiled code and the context; a launch sets the numbers and starts.
@@ -12,13 +12,21 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from taichi.lang import impl
-from taichi.lang.kernel_impl import Kernel
-from taichi.lang.kernel_impl import data_oriented as _data_oriented
-from taichi.lang.misc import arm64, x64
-from taichi.lang.util import cook_dtype
-from taichi.types import primitive_types, template
-from taichi.types.utils import is_signed
+from sim.backend.language import ti
+from sim.backend.private import (
+    Kernel,
+    arguments_of,
+    cook_dtype,
+    handle_in,
+    handle_of,
+    is_signed,
+    launch_of,
+    on_cpu,
+    place_of_number,
+    primitive_types,
+    runtime,
+    template,
+)
 
 _VALUES = (bool, int, float, str)  # templates that are compiled in; others are fields and objects
 _MADE = "_launchers"
@@ -28,9 +36,9 @@ _MADE = "_launchers"
 class _Compiled:
     """A kernel for certain templates; they are kept alive, so that no other object takes their place in memory."""
 
-    runtime: Any  # the start of Taichi that it belongs to
+    runtime: Any  # the start of the library that it belongs to
     handle: Any
-    code: Any
+    start: Callable[[Any], Any]  # of a context
     context: Any  # None where each launch needs one of its own
     templates: tuple
 
@@ -44,9 +52,9 @@ def counted_launches() -> Iterator[Counter]:
     global _counter
     launch, before, launches = Kernel.launch_kernel, _counter, Counter()
 
-    def counted(kernel, handle, *arguments):
-        launches[handle] += 1
-        return launch(kernel, handle, *arguments)
+    def counted(kernel, *arguments, **named):
+        launches[handle_in(arguments)] += 1
+        return launch(kernel, *arguments, **named)
 
     Kernel.launch_kernel, _counter = counted, launches
     try:
@@ -64,14 +72,14 @@ def _setter(annotation) -> tuple[str, Callable] | None:
     return None
 
 
-def _launcher(kernel: Kernel, owner) -> Callable[..., Any]:
+def _launcher(kernel, owner) -> Callable[..., Any]:
     """Return the function that launches a kernel of an object."""
-    annotations = [argument.annotation for argument in kernel.arguments[1:]]  # without the object
+    annotations = [argument.annotation for argument in arguments_of(kernel)[1:]]  # without the object
     templates = [place for place, one in enumerate(annotations) if isinstance(one, template)]
     numbers = [(place, _setter(one)) for place, one in enumerate(annotations) if place not in templates]
     if kernel.return_type is not None or not all(setter for _, setter in numbers):
         return lambda *arguments, **named: kernel(owner, *arguments, **named)
-    setters = [(place, (index,), *setter) for index, (place, setter) in enumerate(numbers) if setter]
+    setters = [(place, place_of_number(index), *setter) for index, (place, setter) in enumerate(numbers) if setter]
     known: dict[tuple, _Compiled] = {}
 
     def launch(*arguments, **named):
@@ -81,7 +89,7 @@ def _launcher(kernel: Kernel, owner) -> Callable[..., Any]:
         given = tuple([arguments[place] for place in templates])
         key = tuple([one if isinstance(one, _VALUES) else id(one) for one in given])
         found = known.get(key)
-        if found is None or found.runtime is not impl.pytaichi:
+        if found is None or found.runtime is not runtime():
             kernel(owner, *arguments)
             known[key] = _compiled(kernel, owner, arguments, given)
             return
@@ -90,24 +98,23 @@ def _launcher(kernel: Kernel, owner) -> Callable[..., Any]:
             getattr(context, setter)(index, number_of(arguments[place]))
         if _counter is not None:
             _counter[found.handle] += 1
-        found.runtime.prog.launch_kernel(found.code, context)
+        found.start(context)
 
     return launch
 
 
-def _compiled(kernel: Kernel, owner, arguments: tuple, templates: tuple) -> _Compiled:
+def _compiled(kernel, owner, arguments: tuple, templates: tuple) -> _Compiled:
     """What a kernel became that was just launched."""
-    program = impl.pytaichi.prog
-    handle = kernel.compiled_kernels[kernel.ensure_compiled(owner, *arguments)]
-    code = program.compile_kernel(program.config(), program.get_device_caps(), handle)
-    on_cpu = impl.current_cfg().arch in (x64, arm64)  # on a GPU a launch leaves its own addresses in the context
-    return _Compiled(impl.pytaichi, handle, code, handle.make_launch_context() if on_cpu else None, templates)
+    key = kernel.ensure_compiled(owner, *arguments)
+    handle = handle_of(kernel, key)
+    context = handle.make_launch_context() if on_cpu() else None  # on a GPU a launch leaves its own addresses in it
+    return _Compiled(runtime(), handle, launch_of(kernel, key), context, templates)
 
 
 class _KernelOfObjects:
     """A kernel as an attribute of a class: of an object it is a function that launches it, made once."""
 
-    def __init__(self, kernel: Kernel):
+    def __init__(self, kernel):
         self.kernel = kernel
         self.__doc__ = kernel.func.__doc__
 
@@ -122,9 +129,10 @@ class _KernelOfObjects:
 
 def data_oriented(kind: type) -> type:
     """Let a class have kernels, as ``ti.data_oriented`` does."""
-    kind = _data_oriented(kind)
-    del kind.__getattribute__
-    for name, value in list(vars(kind).items()):
-        if getattr(value, "_is_classkernel", False):
-            setattr(kind, name, _KernelOfObjects(value._primal))
+    kernels = {name: value._primal for name, value in vars(kind).items() if getattr(value, "_is_classkernel", False)}
+    kind = ti.data_oriented(kind)
+    if "__getattribute__" in vars(kind):  # by which Taichi looks for kernels
+        del kind.__getattribute__
+    for name, kernel in kernels.items():
+        setattr(kind, name, _KernelOfObjects(kernel))
     return kind

@@ -1,10 +1,9 @@
 """Fields read and written as memory hold what kernels see in them."""
 import numpy as np
 import pytest
-import taichi as ti
 
-from sim import host_memory
-from sim.runtime import restart
+from sim.backend import host_memory, ti
+from sim.backend.runtime import restart
 
 pytestmark = pytest.mark.usefixtures("taichi")
 FIELDS = {

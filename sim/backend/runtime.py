@@ -1,92 +1,69 @@
-"""Start of Taichi, once per process."""
-import ast
+"""Start of the library, once per process."""
 import contextlib
-import functools
-import inspect
-import linecache
 import os
-import textwrap
-from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-import taichi as ti
-from taichi.lang import kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-from taichi.lang.impl import current_cfg, default_cfg
 
-from sim import host_memory
+from sim.backend import host_memory
+from sim.backend.choice import library
+from sim.backend.compiling import remember_sources
+from sim.backend.devices import AUTO, best_device
+from sim.backend.language import ti
+from sim.backend.private import current_config, default_config, runtime
+from sim.backend.unrolling import leave_loops_rolled
 from sim.cores import available_cores, keep_to_one_core, useful_threads
-from sim.devices import AUTO, best_device
-from sim.unrolling import leave_loops_rolled
 
 _started: dict[str, Any] = {}
 _packed_field = ti.field
-
-
-def _place(context: ASTTransformerContext, node: ast.expr) -> str:
-    """Where a part of a kernel is, for messages of errors."""
-    return (f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
-            f"{context.src[node.lineno - 1]}\n")
-
-
-@functools.cache
-def _source(function: FunctionType) -> tuple[list[str], int]:
-    """Lines of the source of a function, with its decorators, and the number of the first."""
-    first = function.__code__.co_firstlineno
-    return inspect.getblock(linecache.getlines(function.__code__.co_filename)[first - 1:]), first
-
-
-# Half of the time before it compiles, Taichi takes for messages of errors (marks below every expression, lines broken),
-# and for finding and reading the source of a function anew wherever it is called.
-ASTTransformerContext.get_pos_info = _place
-kernel_impl.getsourcelines, kernel_impl.getsourcefile = _source, lambda function: function.__code__.co_filename
-kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=textwrap.dedent)
+remember_sources()
 
 
 class NoDevice(RuntimeError):
-    """Taichi finds no such device on this computer."""
+    """The library finds no such device on this computer."""
 
 
 def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *, keep_to_core: bool = False) -> None:
-    """Start Taichi; a second call with the same arguments does nothing.
+    """Start the library; a second call with the same arguments does nothing.
 
     Parameters
     ----------
     precision : "f32" or "f64", the type of every real field and literal.
-    threads : number of worker threads; 0 for as many as Taichi runs with already, else as many as are useful here;
+    threads : number of worker threads; 0 for as many as it runs with already, else as many as are useful here;
         without meaning on a GPU.
-    device : one of ``sim.devices.DEVICES``; "auto" for that on which Taichi runs already, else the best one here.
+    device : one of ``sim.backend.devices.DEVICES``; "auto" for that on which it runs already, else the best one here.
     keep_to_core : with one thread, keep the process to one core (``sim.cores.keep_to_one_core``); for processes that do
         nothing beside.
 
     Raises
     ------
     RuntimeError
-        When Taichi already runs with other arguments: one process has one precision, thread count and device.
+        When it already runs with other arguments: one process has one precision, thread count and device.
     NoDevice
-        Where Taichi would fall back to the CPU.
+        Where the library would fall back to the CPU.
     """
     wanted: dict[str, Any] = {"precision": precision, "threads": threads or _started.get("threads") or useful_threads(),
               "device": _started.get("device") or best_device() if device == AUTO else device}
     if _started:
         if _started != wanted:
-            raise RuntimeError(f"Taichi already runs with {_started}, asked for {wanted}: use a process of its own")
+            raise RuntimeError(f"{library().title} already runs with {_started}, asked for {wanted}: use a process of "
+                               "its own")
         return
     if keep_to_core and wanted["threads"] == 1 and wanted["device"] == "cpu":
         keep_to_one_core()
     options = leave_loops_rolled() if wanted["device"] == "cpu" else ""
     # Taichi would send its version, the system and a number of this user to its makers.
-    os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
+    os.environ[library().variable("skip_version_check")] = "ON"
     before, arch = _own_threads(), getattr(ti, wanted["device"])
     with contextlib.redirect_stdout(None):  # its greeting does not belong into the output of a stage
         ti.init(
             arch=arch, default_fp=ti.f32 if precision == "f32" else ti.f64, default_ip=ti.i32,
-            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR, **_compiled_kernels(options),
+            cpu_max_num_threads=wanted["threads"], offline_cache=True, log_level=ti.ERROR, **dict(library().options),
+            **_compiled_kernels(options),
         )
-    if current_cfg().arch != arch:
+    if current_config().arch != arch:
         ti.reset()
-        raise NoDevice(f"Taichi finds no device {wanted['device']}")
+        raise NoDevice(f"{library().title} finds no device {wanted['device']}")
     ti.field = _packed_field if wanted["device"] in ("cpu", "cuda") else _field_apart
     host_memory.use(wanted["device"] == "cpu")
     _started.update(wanted)
@@ -95,10 +72,13 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
 
 
 def _compiled_kernels(options: str) -> dict[str, str]:
-    """Argument of Taichi that keeps kernels compiled with options of LLVM apart, unless the user has named a folder."""
-    if not options or "TI_OFFLINE_CACHE_FILE_PATH" in os.environ:
+    """Argument of the start that keeps kernels of other options of LLVM apart, unless the user has named a folder."""
+    folder = default_config().offline_cache_file_path
+    fork = "" if library().module in folder else library().name  # one may have kept the folder of Taichi
+    apart = [folder, *filter(None, (fork, options))]
+    if len(apart) == 1 or library().variable("offline_cache_file_path") in os.environ:
         return {}
-    return {"offline_cache_file_path": f"{default_cfg().offline_cache_file_path}-{options}"}
+    return {"offline_cache_file_path": "-".join(apart)}
 
 
 def _field_apart(dtype, shape: int | tuple[int, ...] = (), **more):
@@ -127,7 +107,7 @@ def _own_threads() -> set[int]:
 def _bind(workers: list[int]) -> None:
     """Give every worker a core of its own where they take all cores: else two may wait for one, at every kernel.
 
-    The workers of Taichi are the last threads that it starts. Where cores are left to others, the system places them.
+    The workers are the last threads that the library starts. Where cores are left to others, the system places them.
     """
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     if 1 < len(workers) == len(cores) == available_cores():
@@ -137,13 +117,13 @@ def _bind(workers: list[int]) -> None:
 
 
 def shut_down() -> None:
-    """Free all fields of this process; solvers made before are void, and Taichi may be started anew."""
+    """Free all fields of this process; solvers made before are void, and the library may be started anew."""
     ti.reset()
     _started.clear()
 
 
 def restart(**changes: object) -> None:
-    """Free all fields of this process and start Taichi again as it was, but for changed arguments of `initialize`.
+    """Free all fields of this process and start the library again as it was, but for changed arguments of `initialize`.
 
     Solvers made before are void.
     """
@@ -152,13 +132,28 @@ def restart(**changes: object) -> None:
     initialize(**arguments)
 
 
+def sync() -> None:
+    """Wait until all kernels that were launched have ended; fields that were declared get their memory."""
+    ti.sync()
+
+
+def present_start() -> object:
+    """Return an object that is another one after every start of the library."""
+    return runtime()
+
+
+def has_fields() -> bool:
+    """Return whether fields have got their memory since the start."""
+    return runtime().materialized
+
+
 def device() -> str:
     """Device of this process."""
     return str(_started["device"])
 
 
 def real():
-    """Taichi type of the real fields of this process."""
+    """Type of the language of the real fields of this process."""
     return ti.f32 if _started["precision"] == "f32" else ti.f64
 
 

@@ -1,6 +1,6 @@
 """Fields on the CPU, read and written as the memory that they are.
 
-Taichi compiles a kernel for every field that is copied from or to NumPy, and one for every entry that is read or
+The library compiles a kernel for every field that is copied from or to NumPy, and one for every entry that is read or
 written: more kernels than the solver has itself, at some 50 ms each. Here one kernel finds where a tree of fields lies.
 """
 import ctypes
@@ -8,11 +8,9 @@ import math
 import weakref
 
 import numpy as np
-import taichi as ti
-from taichi.lang.field import ScalarField
-from taichi.lang.impl import get_runtime
-from taichi.lang.matrix import Matrix, MatrixField, Vector
-from taichi.lang.util import python_scope, to_numpy_type
+
+from sim.backend.language import ti
+from sim.backend.private import Matrix, MatrixField, ScalarField, Vector, python_scope, runtime, to_numpy_type
 
 # Addresses of trees of fields, by number, for each start of Taichi.
 _trees: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
@@ -33,7 +31,7 @@ def _place(component) -> int:
     while node is not None:
         offset += node.offset_bytes_in_parent_cell
         node = node.parent
-    known = _trees.setdefault(get_runtime(), {})
+    known = _trees.setdefault(runtime(), {})
     if tree not in known:
         known[tree] = int(_address(ScalarField(component))) - offset
     return known[tree] + offset
@@ -55,19 +53,19 @@ def _memory(field) -> list[np.ndarray]:
     Raises
     ------
     RuntimeError
-        When Taichi was started anew after the field was made: its memory is gone.
+        When the library was started anew after the field was made: its memory is gone.
     """
-    runtime = get_runtime()
+    present = runtime()
     if not hasattr(field, "_memory"):
-        runtime.materialize()
-        field._memory = runtime, [_component(field, component) for component in field.vars]
-    if field._memory[0] is not runtime:
-        raise RuntimeError("the field is void: Taichi was started anew after it was made")
+        present.materialize()
+        field._memory = present, [_component(field, component) for component in field.vars]
+    if field._memory[0] is not present:
+        raise RuntimeError("the field is void: the library was started anew after it was made")
     return field._memory[1]
 
 
 def _rows(field) -> tuple[int, ...]:
-    """Shape of an entry, as Taichi gives it to NumPy."""
+    """Shape of an entry, as the library gives it to NumPy."""
     if isinstance(field, ScalarField):
         return ()
     return (field.n,) if field.m == 1 else (field.n, field.m)

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.unrolling import addresses
+from sim.backend.choice import library
+from sim.backend.private import core
+from sim.backend.unrolling import addresses
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
+CACHE = library().variable("offline_cache_file_path")
 PROGRAM = """
 import sys
-import taichi as ti
-from sim import unrolling
+from sim.backend import ti, unrolling
 if sys.argv[1] == "rolled":
     assert unrolling.leave_loops_rolled()
     assert unrolling.leave_loops_rolled()  # a second call asks nothing of LLVM
@@ -41,10 +43,10 @@ def compiled(folder: Path, how: str) -> tuple[np.ndarray, int]:
     """Sums of rows in a process of its own, and the bytes of its compiled kernels."""
     folder.mkdir()
     program = folder / "program.py"
-    program.write_text(PROGRAM)  # Taichi reads the source of a kernel from its file
+    program.write_text(PROGRAM)  # where the source of a kernel is read from
     done = subprocess.run(
         [sys.executable, str(program), how], cwd=ROOT, check=True, capture_output=True, text=True,
-        env=os.environ | {"TI_OFFLINE_CACHE_FILE_PATH": str(folder / "cache"), "PYTHONPATH": str(ROOT)})
+        env=os.environ | {CACHE: str(folder / "cache"), "PYTHONPATH": str(ROOT)})
     size = sum(file.stat().st_size for file in folder.rglob("*.tic"))
     return np.frombuffer(bytes.fromhex(done.stdout.splitlines()[-1])), size
 
@@ -67,12 +69,12 @@ def test_loops_that_stay_rolled_are_less_to_compile_and_give_the_same_sums(tmp_p
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries of other systems have another format")
 def test_kernels_of_other_options_are_compiled_anew(tmp_path):
     """Else who takes a new version runs on with the kernels of the old one, to the last digit."""
-    program = ("import sys\nfrom sim import runtime, unrolling\n"
+    program = ("import sys\nfrom sim.backend import runtime, unrolling\n"
                "unrolling.OPTIONS = unrolling.OPTIONS[:int(sys.argv[1])]\n"
-               "from taichi.lang.impl import current_cfg\n"
-               "runtime.initialize('f32', 1)\nprint(current_cfg().offline_cache_file_path)\n"
-               "runtime.restart()\nprint(current_cfg().offline_cache_file_path)")
-    kept = {name: value for name, value in os.environ.items() if name != "TI_OFFLINE_CACHE_FILE_PATH"}
+               "from sim.backend.private import current_config\n"
+               "runtime.initialize('f32', 1)\nprint(current_config().offline_cache_file_path)\n"
+               "runtime.restart()\nprint(current_config().offline_cache_file_path)")
+    kept = {name: value for name, value in os.environ.items() if name != CACHE}
 
     def folders(options: int, **more: str) -> list[str]:
         return subprocess.run([sys.executable, "-c", program, str(options)], cwd=ROOT, check=True, capture_output=True,
@@ -81,7 +83,7 @@ def test_kernels_of_other_options_are_compiled_anew(tmp_path):
     fewer, all_of_them = folders(1), folders(3)
     assert fewer[0] != all_of_them[0] and all(Path(one).is_relative_to(tmp_path) for one in fewer + all_of_them)
     assert (fewer[1], all_of_them[1]) == (fewer[0], all_of_them[0])
-    assert folders(3, TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "mine")) == [str(tmp_path / "mine")] * 2
+    assert folders(3, **{CACHE: str(tmp_path / "mine")}) == [str(tmp_path / "mine")] * 2
 
 
 @pytest.mark.parametrize("content", [b"MZ no library of Linux", b"\x7fELF\x02\x01" + bytes(100)])
@@ -92,6 +94,4 @@ def test_a_library_that_does_not_tell_its_functions_is_left_alone(tmp_path, cont
 
 
 def test_a_function_that_is_not_there_has_no_address():
-    from taichi._lib.core import taichi_python
-
-    assert addresses(Path(taichi_python.__file__), b"LLVMNoSuchFunction") is None
+    assert addresses(core(), b"LLVMNoSuchFunction") is None
