@@ -305,9 +305,15 @@ def test_page_works_in_a_browser(index, tmp_path):
         assert first != last and (start, end) == ("t = 0.00 s", "t = 0.20 s")
         stepped = """(async name => { const video = document.querySelector("video");
             const button = [...document.querySelectorAll("[data-step]")].find(one => one.textContent.includes(name));
-            const before = video.currentTime;
-            button.click(); await new Promise(done => video.addEventListener("seeked", done, {once: true}));
-            return video.currentTime - before; })"""
+            const sought = () => new Promise(done => video.addEventListener("seeked", done, {once: true}));
+            video.pause();
+            const middle = sought();
+            video.currentTime = 2.5;
+            await middle;
+            const next = sought();
+            button.click();
+            await next;
+            return video.currentTime - 2.5; })"""
         assert browser.run(f"{stepped}('before')") < 0.0 < browser.run(f"{stepped}('next')")
         views = [browser.run(CANVAS)]
         assert "WebGL" not in browser.run("document.querySelector('.hint').textContent")
