@@ -24,7 +24,7 @@ os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["
 
 from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.interrupt import Interrupt
-from pipeline.workflow.scenes import Workflow, scene_names
+from pipeline.workflow.scenes import Workflow, room_texts, scene_names
 from pipeline.workflow.shell import PREFIX
 
 
@@ -55,7 +55,7 @@ SHELF = {"category": "{scene}", "subcategory": "{level}"}  # where the report ha
 wildcard_constraints:
     scene=r"[A-Za-z0-9_-]+",
     level=flow.any_level,
-    other=flow.any_level,
+    levels=rf"({flow.any_level})(_({flow.any_level}))+",
     segment=r"\d\d\d+",
 
 

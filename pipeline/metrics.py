@@ -8,6 +8,7 @@ breaks and regions in :mod:`pipeline.measures.place_metrics`, those that an effe
 (`Effect.measures`); ``--list`` prints what every column means.
 """
 import argparse
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,10 +27,11 @@ from pipeline.measures.events import events_of
 from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import MIXED, Measured
 from pipeline.measures.isolation import isolated
+from pipeline.measures.least_energy import least_energy_of
 from pipeline.measures.metric import Metric, metrics_of_effect, registrar, write_meanings
 from pipeline.measures.place_course import courses_of
 from pipeline.measures.places import Places, places_of
-from pipeline.measures.plots import overview, write_plots
+from pipeline.measures.plots import write_plots
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import write_summary
@@ -282,7 +284,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--plots", type=Path, metavar="DIR",
                         help="folder for overview.png and one plot per metric that changes")
     parser.add_argument("--meanings", type=Path, metavar="FILE.json",
-                        help="what the columns mean, and when breaks were covered, for the page of a run")
+                        help="what the columns mean, when breaks were covered, and what the oil would touch at rest "
+                             "(least energy), for the page of a run")
     parser.add_argument("--eye", type=Path, metavar="eye.vtp",
                         help="surface of the cavity, for a scene with breaks or regions")
     options = parser.parse_args(arguments)
@@ -303,9 +306,13 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{scene.name}: {rest}", flush=True)
     title = f"{scene.title or scene.name} ({scene.accuracy})"
     if options.meanings:
-        write_meanings(options.meanings, metrics_of(scene), [course.record() for course in courses])
+        resting, unknown = least_energy_of(scene, read_frame(paths[-1]), float(initial["cavity_volume"]))
+        if resting is not None or unknown:
+            print(f"{scene.name}: {unknown or resting.sentence()}", flush=True)
+        write_meanings(options.meanings, metrics_of(scene), [course.record() for course in courses],
+                       None if resting is None else dataclasses.asdict(resting))
     if options.summary:
-        write_summary(options.summary, shown, table, scene, overview(shown, table, events, title), courses, rest)
+        write_summary(options.summary, shown, table, scene, events, courses, rest)
     if options.plots:
         write_plots(options.plots, shown, table, events, title)
 

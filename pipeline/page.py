@@ -23,11 +23,12 @@ from pipeline.scenes.yaml_files import scene_files
 
 
 def refuse_incomplete(run: RunFolder) -> None:
-    """Raise a UserError for a run without what the page shows as it is."""
+    """Raise a UserError for a run without what the page shows as it is; one that goes on has no still yet."""
     check_segments(run.scene, run.pictures, PICTURES_AGAIN)
     if not run.pictures:
         raise UserError(f"{run.folder / 'images'}: no pictures (segment_*/frame_*.png); run the render stage first")
-    shown = {"movie.mp4": "movie", "poster.png": "movie"} | ({"still.png": "still"} if run.scene.dimension == 3 else {})
+    whole = len(run.pictures) >= run.frame_count
+    shown = {"movie.mp4": "movie"} | ({"still.png": "still"} if run.scene.dimension == 3 and whole else {})
     for name, stage in shown.items():
         if not (run.folder / name).is_file():
             raise UserError(f"{run.folder / name}: no such file; run the {stage} stage first")

@@ -20,6 +20,7 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
@@ -104,7 +105,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--side", choices=SIDES, default="right", help="which eye, for the words nasal and temporal")
     parser.add_argument("--axial-length", default="24 mm", help="of the eye (default: 24 mm)")
     parser.add_argument("--lens", choices=LENSES, default="phakic", help="of the eye (default: phakic)")
-    parser.add_argument("--mesh", type=Path, help="surface of the cavity instead of the model eye")
+    parser.add_argument("--mesh", type=Path, help="surface or labelled image of the cavity, in place of the model eye")
+    parser.add_argument("--label", type=int, help="number of the vitreous cavity in a labelled image")
     parser.add_argument("--unit", choices=MESH_UNITS, default="mm", help="unit of length of the mesh (default: mm)")
     parser.add_argument("--tension", help="interface tension (default: config/plan.yaml)")
     parser.add_argument("--contact-angle", help="through the other liquid (default: config/plan.yaml)")
@@ -125,10 +127,11 @@ def _names(words: str | None) -> list[str] | None:
     return None if words is None else [word.strip() for word in words.split(",")]
 
 
-def _eye(options: argparse.Namespace) -> dict[str, str]:
+def _eye(options: argparse.Namespace) -> dict[str, Any]:
     if options.mesh is None:
         return {"axial_length": options.axial_length, "lens": options.lens, "side": options.side}
-    return {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side}
+    label = {} if options.label is None else {"label": options.label}
+    return {"model": "mesh", "path": str(options.mesh), "unit": options.unit, "side": options.side, **label}
 
 
 if __name__ == "__main__":

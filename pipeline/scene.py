@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
+from pipeline.cavity.surface import cavity_volume
 from pipeline.scenes.checks import doubts
 from pipeline.scenes.description import postures_in_words
 from pipeline.scenes.folders import scene_file, scene_paths
@@ -13,6 +14,7 @@ from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scen
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.reader import dotted
 from pipeline.scenes.schema import list_text, schema_text
+from pipeline.scenes.timeline import timeline_in_words
 
 
 def _write(text: str, output: Path | None) -> None:
@@ -31,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")
     parser.add_argument("--output", type=Path, help="file to write (default: standard output)")
     action = parser.add_mutually_exclusive_group()
-    action.add_argument("--check", action="store_true", help="only check the scene")
+    action.add_argument("--check", action="store_true", help="only check the scene, and tell what is done when")
     action.add_argument("--schema", action="store_true", help="write the JSON schema of scene files, for editors")
     action.add_argument("--list", action="store_true", help="describe effects, liquids and accuracy levels")
     action.add_argument("--scenes", action="store_true",
@@ -56,7 +58,9 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"warning: {options.scene}: {dotted(key)} {sentence}", file=sys.stderr)
     if not options.check:
         _write(scene.to_json(), options.output)
-    if options.output is not None and (postures := postures_in_words(scene)):
+    if options.check and (timeline := timeline_in_words(scene, cavity_volume)):
+        print(f"{scene.name}: {timeline}")  # a turn may be inherited
+    elif options.output is not None and (postures := postures_in_words(scene)):
         print(f"{scene.name}: {postures}")  # a turn may be inherited
 
 

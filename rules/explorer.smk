@@ -1,15 +1,11 @@
 """The explorer: one page for all fills and postures, from tables of shapes at rest."""
 
-from pathlib import Path
-
-import pipeline.explorer
 from pipeline.scenes.load import PROJECT_CONFIG
 
 
 rule explorer:
     input:
         tables=sorted(map(str, (PROJECT_CONFIG / "oil_at_rest" / "explorer").glob("*"))),
-        texts=[str(path) for path in sorted(Path(pipeline.explorer.__file__).parent.iterdir()) if path.is_file()],
     output:
         report(
             "outputs/explorer.html",
@@ -21,6 +17,7 @@ rule explorer:
         "outputs/logs/explorer.log",
     params:
         depends=stage_digest("explorer_page"),
+        texts=room_texts("explorer", "web"),
     message:
         "make the explorer"
     shell:

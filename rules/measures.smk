@@ -45,36 +45,37 @@ rule metrics:
 
 rule compare:
     input:
-        lambda w: flow.compared(w.scene, w.level, w.other),
+        lambda w: flow.compared(w.scene, w.levels),
     output:
         page=report(
-            "outputs/{scene}/compare_{level}_{other}.html",
+            "outputs/{scene}/compare_{levels}.html",
             category="{scene}",
             subcategory="levels",
             caption="../docs/report/compare.rst",
-            labels={"what": "1 {level} and {other}"},
+            labels={"what": "1 {levels}"},
         ),
         picture=report(
-            "outputs/{scene}/compare_{level}_{other}.png",
+            "outputs/{scene}/compare_{levels}.png",
             category="{scene}",
             subcategory="levels",
             caption="../docs/report/compare.rst",
-            labels={"what": "2 {level} and {other} (picture)"},
+            labels={"what": "2 {levels} (picture)"},
         ),
         table=report(
-            "outputs/{scene}/compare_{level}_{other}.csv",
+            "outputs/{scene}/compare_{levels}.csv",
             category="{scene}",
             subcategory="levels",
             caption="../docs/report/compare.rst",
-            labels={"what": "3 {level} and {other} (CSV)"},
+            labels={"what": "3 {levels} (CSV)"},
         ),
     log:
-        "outputs/{scene}/logs/compare_{level}_{other}.log",
+        "outputs/{scene}/logs/compare_{levels}.log",
     params:
         depends=stage_digest("compare"),
+        texts=room_texts("comparison", "web"),
+        folders=lambda w: [f"outputs/{w.scene}/{one}" for one in flow.levels_in(w.levels)],
     message:
-        "{wildcards.scene}: compare {wildcards.level} with {wildcards.other}"
+        "{wildcards.scene}: compare the levels {wildcards.levels}"
     shell:
-        "python -m pipeline.compare outputs/{wildcards.scene}/{wildcards.level} outputs/{wildcards.scene}/"
-        "{wildcards.other} --output outputs/{wildcards.scene}/compare_{wildcards.level}_{wildcards.other}"
+        "python -m pipeline.compare {params.folders} --output outputs/{wildcards.scene}/compare_{wildcards.levels}"
         " 2>&1 | tee {log}"

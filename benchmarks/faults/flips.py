@@ -21,6 +21,8 @@ import time
 from pathlib import Path
 
 import meshio
+import nibabel
+import nrrd
 import numpy as np
 import pyvista
 import trimesh
@@ -35,6 +37,7 @@ from pipeline.base.errors import UserError  # noqa: E402
 from pipeline.base.frame_files import load_checkpoint, read_frame, save_checkpoint, write_frame  # noqa: E402
 from pipeline.cavity import vtk_reader  # noqa: E402
 from pipeline.cavity.mesh_import import import_mesh  # noqa: E402
+from pipeline.scenes.model import is_image  # noqa: E402
 from pipeline.simulation.runner import unlike  # noqa: E402
 
 LONGEST, LARGEST = 60.0, 2**30  # s, bytes: what a file may take
@@ -79,7 +82,7 @@ def meshes(folder: Path) -> list[Path]:
     plain = meshio.Mesh(ball.vertices, [("triangle", ball.faces)])
     paths = {name: folder / name for name in (
         "binary.stl", "text.stl", "eye.obj", "binary.ply", "text.ply", "eye.vtp", "eye.vtk", "eye.vtu", "binary.msh",
-        "text.msh")}
+        "text.msh", "eye.nii", "packed.nii.gz", "eye.nrrd")}
     ball.export(paths["binary.stl"])
     ball.export(paths["text.stl"], file_type="stl_ascii")
     ball.export(paths["eye.obj"])
@@ -90,7 +93,18 @@ def meshes(folder: Path) -> list[Path]:
     data.cast_to_unstructured_grid().save(paths["eye.vtu"])
     plain.write(paths["binary.msh"], file_format="gmsh")
     plain.write(paths["text.msh"], file_format="gmsh", binary=False)
+    index = np.stack(np.meshgrid(*3 * [np.arange(-16.0, 17.0)], indexing="ij"), axis=-1)
+    labels = (np.linalg.norm(index, axis=-1) < 12.0).astype(np.uint8)
+    for name in ("eye.nii", "packed.nii.gz"):
+        nibabel.Nifti1Image(labels, np.eye(4)).to_filename(paths[name])
+    head = {"space": "RAS", "space directions": np.eye(3), "space units": ["mm"] * 3}
+    nrrd.write(str(paths["eye.nrrd"]), labels, head)
     return list(paths.values())
+
+
+def imported(path: Path) -> None:
+    """Read an eye, of an image its label."""
+    import_mesh(path, label=1 if is_image(path) else None)
 
 
 def restart(path: Path) -> None:
@@ -152,7 +166,7 @@ def main() -> int:
         save_checkpoint(folder / "segment_000.npz", STATE)
         results = [(folder / "frame_00000.vtu", read_frame), (folder / "segment_000.npz", restart)]
         kinds = {
-            "meshes": ([(path, import_mesh) for path in meshes(folder)], spoiled, False),
+            "meshes": ([(path, imported) for path in meshes(folder)], spoiled, False),
             "flipped": (results, flipped, False),
             "forged": (results, spoiled, True),
         }

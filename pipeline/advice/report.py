@@ -9,6 +9,7 @@ from pipeline.advice.rules import advice
 from pipeline.advice.time_step_limits import deciding_limit, step_count, time_step_limits
 from pipeline.base import page
 from pipeline.scenes.model import Scene
+from pipeline.scenes.timeline import timeline_in_words
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, shown
 
 HEADINGS = {WARNING: "Warnings", SEEN_EFFECT: "What matters", NOTE: "Notes"}
@@ -18,11 +19,17 @@ DISCLAIMER = ("Estimates of an order of magnitude: one length L and one speed U 
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """All that is said about a scene; numbers in SI."""
+    """All that is said about a scene; numbers in SI.
+
+    Attributes
+    ----------
+    timeline : what is done to the eye, and when; what the scene inherits too.
+    """
 
     scene: str
     title: str
     accuracy: str
+    timeline: str
     size: tuple[Quantity, ...]
     speeds: tuple[Quantity, ...]
     numbers: tuple[Quantity, ...]
@@ -45,7 +52,8 @@ def report_of(scene: Scene, cavity_volume: float) -> Report:
     limits = time_step_limits(scales)
     decides = deciding_limit(limits).value
     return Report(
-        scene=scene.name, title=scene.title or scene.name, accuracy=scene.accuracy, size=_sizes(scales),
+        scene=scene.name, title=scene.title or scene.name, accuracy=scene.accuracy,
+        timeline=timeline_in_words(scene, lambda _: cavity_volume), size=_sizes(scales),
         speeds=_speeds(scales), numbers=tuple(dimensionless_numbers(scales)), times=tuple(time_scales(scales)),
         time_step_limits=tuple(limits), time_step=decides, steps=step_count(scales, decides),
         advice=tuple(advice(scales, limits)))
@@ -82,6 +90,7 @@ def _sections(report: Report) -> list[tuple[str, list[tuple[str, str, str]]]]:
 def text_of(report: Report) -> str:
     """Return the report as lines of text."""
     lines = [f"{report.scene} ({report.accuracy}). {DISCLAIMER}"]
+    lines += [f"Timeline: {report.timeline}."] * bool(report.timeline)
     sections = _sections(report)
     widths = [max(len(row[column]) for _, rows in sections for row in rows) for column in (0, 1)]
     for heading, rows in sections:
@@ -95,7 +104,8 @@ def text_of(report: Report) -> str:
 
 def html_of(report: Report, path: Path | None = None) -> str:
     """Return the report as a page, to be written to a file."""
-    parts = [page.paragraph(f"Accuracy {report.accuracy}. {DISCLAIMER}")]
+    parts = [page.paragraph(f"Accuracy {report.accuracy}. {DISCLAIMER}"),
+             page.paragraph(page.bold("Timeline:"), f"{report.timeline}.") if report.timeline else ""]
     for level, heading in HEADINGS.items():
         chosen = [one for one in report.advice if one.level == level]
         parts += [page.section(heading), page.bullets([page.bold(one.effect) + f": {one.sentence}." for one in chosen])

@@ -34,6 +34,7 @@ ADVICE = ("sim.advice", "sim.effects.parts.viscous_advice")
 SPEAKING_HOOKS = ("advice", "speeds", "wall_speeds", "omitted_acceleration", "numbers", "time_scales", "wave_speeds",
         "expected_time_step_limit")
 SPEAKING_PREFIXES = ("_advice", "_check")
+TEXTS = (".css", ".html", ".js")  # that count with the module beside them that has their name
 
 # What imports it computes with the library of kernels: other versions of that may have other results.
 KERNELS = "sim.backend.language"
@@ -144,9 +145,14 @@ def _imports(name: str, path: Path) -> Iterator[str]:
 
 
 def _meaning(path: Path, speaks: bool) -> str:
-    """Digest of the code of a file without comments, docstrings and layout; what only speaks counts if `speaks`."""
+    """Digest of the code of a file without comments, docstrings and layout; what only speaks counts if `speaks`.
+
+    What lies beside it under its name, a style or a template, counts with it.
+    """
     choice = any(path.is_relative_to(ROOT.joinpath(*package.split("."))) for package in CHOICES)
-    return _facts(path)["all" if speaks or not choice else "work"]
+    code = _facts(path)["all" if speaks or not choice else "work"]
+    beside = [path.with_suffix(kind) for kind in TEXTS]
+    return shortened(code, *(one.read_text(encoding="utf-8") for one in beside if one.is_file()))
 
 
 def _facts(path: Path) -> dict:

@@ -4,11 +4,12 @@
 <ul><li>1 &lt; 2</li><li><b>oil</b>: floats</li></ul>
 """
 import base64
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from jinja2 import Environment
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 # Pages of a run, which lie side by side in its folder: file and what a link to it says.
@@ -16,36 +17,8 @@ RUN_PAGES = {"index.html": "this run", "metrics.html": "metrics", "advice.html":
              "effects.html": "effects"}
 RUN_FILE = "scene.json"  # by which the folder of a run is known
 
-_TEMPLATES = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-_PAGE = _TEMPLATES.from_string("""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-{{ head }}
-<title>{{ title }}</title>
-<style>
-body{font:15px sans-serif;margin:2em auto;padding:0 1em;max-width:80em;line-height:1.4}
-table{border-collapse:collapse;display:block;overflow-x:auto}
-td,th{padding:.35em .8em;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}
-td:first-child,th:first-child,td.words,th.words{text-align:left}
-th{white-space:normal;vertical-align:bottom}
-td.words{white-space:normal;min-width:12em}
-tr.marked{background:#fbe9e7}
-img{max-width:100%;height:auto}
-nav a{margin-right:1.2em;white-space:nowrap;display:inline-block;padding:.2em 0}
-@media print{body{margin:0;max-width:none}table{display:table}tr{break-inside:avoid}nav{display:none}}
-{{ style }}
-</style></head><body>
-{% if links %}
-<nav>{% for file, text in links.items() %}<a href="{{ file }}">{{ text }}</a>
-{% endfor %}</nav>
-{# A report that holds a page has no pages beside it. #}
-<script>/^(file|https?):/.test(location.protocol)||document.querySelector("nav").remove()</script>
-{% endif %}
-<h1>{{ heading }}</h1>
-{% for part in parts %}
-{{ part }}
-{% endfor %}
-</body></html>
-""")
+HERE = Path(__file__).parent
+_TEMPLATES = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
 _TABLE = _TEMPLATES.from_string("""<table>
 <tr>{% for head in heads %}<th{% if loop.index0 in words %} class="words"{% endif %}>{{ head }}</th>{% endfor %}</tr>
 {% for row in rows %}
@@ -70,8 +43,20 @@ def page(title: str, parts: Iterable[str], heading: str = "", path: Path | None 
     """
     beside = path is not None and (path.parent / RUN_FILE).is_file()
     links = {file: text for file, text in RUN_PAGES.items() if beside and file != path.name} | dict(links)
-    return _PAGE.render(title=title, heading=heading or title, parts=[part for part in parts if part], links=links,
-                        style=Markup(style), head=Markup(head))
+    sheet = (HERE / "page.css").read_text(encoding="utf-8")
+    return str(rendered(HERE / "page.html", title=title, heading=heading or title,
+                        parts=[part for part in parts if part], links=links, style=Markup(f"{sheet}{style}"),
+                        head=Markup(head)))
+
+
+def rendered(template: Path, **values: object) -> Markup:
+    """Return a template of Jinja with values, which it escapes unless they are Markup."""
+    return Markup(_template(template).render(**values))
+
+
+@functools.cache
+def _template(path: Path) -> Template:
+    return _TEMPLATES.from_string(path.read_text(encoding="utf-8"))
 
 
 def paragraph(*sentences: str) -> Markup:

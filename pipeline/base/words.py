@@ -41,6 +41,15 @@ def no_formula(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def in_a_row(words: Sequence[str]) -> str:
+    """Return words in a row.
+
+    >>> in_a_row(["draft", "standard", "fine"]), in_a_row(["draft"])
+    ('draft, standard and fine', 'draft')
+    """
+    return " and ".join([*([", ".join(words[:-1])] if words[:-1] else []), *words[-1:]])
+
+
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a table as text, every column as wide as its longest cell.
 

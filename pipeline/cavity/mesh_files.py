@@ -22,16 +22,18 @@ import trimesh
 from pipeline.base.errors import UserError
 from pipeline.cavity import large_stl, vtk_reader
 from pipeline.cavity.vtk_reader import outer_surface
+from pipeline.scenes.model import IMAGES
 
 FORMATS = (".obj", ".ply", ".stl", ".vtk", ".vtp", ".vtu", ".msh")
 HEAD = 4096                     # bytes at the start of a file that tell what it is
 TRAILING = 10_000               # bytes behind the last triangle of an STL that programs add, such as colors
+GZIP = b"\x1f\x8b"
 # Axes of the file that segmentation programs name in its head, as rows: to the patient's left, superior, anterior.
 SPACES = {"LPS": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "RAS": ((-1, 0, 0), (0, 0, 1), (0, 1, 0))}
 # What begins with these bytes is no mesh, whatever its name says: what it is, and what helps.
 OTHERS = ((b"version https://git-lfs", "is a pointer of Git LFS in place of the file: run git lfs pull"),
           (b"PK\x03\x04", "is a zip archive: unpack it, and name the mesh in it"),
-          (b"\x1f\x8b", "is compressed by gzip: unpack it, and name the mesh in it"),
+          (GZIP, "is compressed by gzip: unpack it, and name the mesh in it"),
           (b"7z\xbc\xaf", "is a 7z archive: unpack it, and name the mesh in it"),
           (b"Rar!", "is a rar archive: unpack it, and name the mesh in it"),
           (b"%PDF", "is a PDF: export the surface itself"),
@@ -49,12 +51,16 @@ class MeshFile:
     vertices, faces : (n, 3) in the unit of the file, and triangles (m, 3).
     notes : sentences on what was unusual in it.
     space : "LPS" or "RAS" where its head names its axes; else "".
+    unit : of length where its head names one; else "".
+    made : sentences on how the triangles were made of an image.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     notes: tuple[str, ...] = ()
     space: str = ""
+    unit: str = ""
+    made: tuple[str, ...] = ()
 
 
 def read_mesh_file(path: Path) -> MeshFile:
@@ -66,12 +72,13 @@ def read_mesh_file(path: Path) -> MeshFile:
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
-        raise UserError(f'{path} (eye.path): the format "{suffix}" is not known, use one of {", ".join(FORMATS)}')
+        raise UserError(f'{path} (eye.path): the format "{suffix}" is not known, use one of '
+                        f'{", ".join((*FORMATS, *IMAGES))}')
     if not path.is_file():
         raise UserError(f"{path} (eye.path): no such file")
     with path.open("rb") as file:
         head = file.read(HEAD)
-    _refuse_others(path, head)
+    refuse_others(path, head)
     named = re.search(rb"\bSPACE\s*[=:]\s*(LPS|RAS)\b", head, re.IGNORECASE)
     try:
         found = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply, ".msh": _read_gmsh}.get(
@@ -80,21 +87,25 @@ def read_mesh_file(path: Path) -> MeshFile:
         raise
     # The readers raise anything from ValueError to their own kinds; all mean that the content is not of this format.
     except Exception as error:
-        reason = str(error).strip().splitlines()
-        raise UserError(f"{path} (eye.path): cannot be read as {suffix[1:].upper()} "
-                        f"({reason[0] if reason else type(error).__name__})") from error
+        raise cannot_be_read(path, suffix[1:].upper(), error) from error
     if not len(found.faces):
         raise UserError(f"{path} (eye.path): holds {len(found.vertices)} points and no triangles, but a closed surface "
                         "is needed; make one of the points in the program that wrote them")
     return dataclasses.replace(found, space=named[1].decode().upper()) if named else found
 
 
-def _refuse_others(path: Path, head: bytes) -> None:
-    """Raise where the content is of another kind than a mesh."""
+def cannot_be_read(path: Path, kind: str, error: Exception) -> UserError:
+    """Return what is said of a file that its reader refuses."""
+    reason = str(error).strip().splitlines()
+    return UserError(f"{path} (eye.path): cannot be read as {kind} ({reason[0] if reason else type(error).__name__})")
+
+
+def refuse_others(path: Path, head: bytes, packed: bool = False) -> None:
+    """Raise where the content is of another kind than a mesh or an image; those `packed` are compressed by gzip."""
     if not head.strip():
         raise UserError(f"{path} (eye.path): is {'cut short: it has blanks only' if head else 'empty'}, export or copy "
                         "it again")
-    found = next((words for start, words in OTHERS if head.startswith(start)), None)
+    found = next((words for start, words in OTHERS if head.startswith(start) and not (packed and start == GZIP)), None)
     if found is None and head[128:132] == b"DICM":
         found = "is a DICOM image: segment the vitreous cavity, and export its surface"
     start = head.lstrip(b"\xef\xbb\xbf \t\r\n").lower()

@@ -10,12 +10,13 @@ from scipy.sparse.csgraph import connected_components
 from pipeline.base.errors import UserError
 from pipeline.cavity import large_stl
 from pipeline.cavity.globe import globe_center, vertex_areas
+from pipeline.cavity.label_images import read_label
 from pipeline.cavity.large_stl import reduced
 from pipeline.cavity.mesh_files import read_mesh_file
 from pipeline.cavity.signed_distance_grid import grid_nodes, inner_nodes
 from pipeline.cavity.voxel_steps import smoothed, step_size
 from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
-from pipeline.scenes.model import MESH_UNITS
+from pipeline.scenes.model import MESH_UNITS, is_image
 
 SMALLEST_SIZE, LARGEST_SIZE = 15e-3, 40e-3          # largest outer dimension of a cavity, m
 SMALLEST_DEPTH = 10e-3                              # smallest one: lens to retina is 13 mm in a short eye
@@ -54,24 +55,31 @@ class ImportedMesh:
     space: str = ""
 
 
-def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_origin: bool = True, smooth: bool = False
-                ) -> ImportedMesh:
+def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_origin: bool = True, smooth: bool = False,
+                label: int | None = None, side: str = "right") -> ImportedMesh:
     """Read and repair the surface of a cavity.
 
     Parameters
     ----------
-    path : STL, OBJ, PLY, VTK, VTP, VTU or MSH file; of a volume mesh the outer surface is taken.
+    path : STL, OBJ, PLY, VTK, VTP, VTU or MSH file; of a volume mesh the outer surface is taken. Or an image of labels,
+        NIfTI or NRRD, whose steps are always smoothed.
     unit : unit of length of the file, one of ``MESH_UNITS``.
     force : accept a size and a volume unlike an eye's, and steps of voxels.
     to_origin : move the center of the globe to the origin; not where landmarks say where it is in the file.
     smooth : smooth the steps of voxels, at the same volume.
+    label : number of the vitreous cavity in an image of labels.
+    side : which eye it should be, where an image tells it.
 
     Raises
     ------
     UserError : the file cannot be read, its unit or volume is unlike an eye's, or it has steps of voxels.
     MeshRefused : the surface stays open, consists of several pieces or crosses itself.
     """
-    file = read_mesh_file(Path(path))
+    if is_image(path):
+        file = read_label(Path(path), label, unit, force, side)
+        unit = file.unit
+    else:
+        file = read_mesh_file(Path(path))
     vertices, faces = file.vertices, file.faces
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise UserError(f"{path} (eye.path): is damaged (a triangle has a corner that is not there), export or copy it "
@@ -86,12 +94,12 @@ def import_mesh(path: str | Path, unit: str = "mm", force: bool = False, to_orig
     mesh, repairs = repair(trimesh.Trimesh(vertices, faces, process=False), str(path))
     if many := large_stl.many_triangles(Path(path)):
         repairs.insert(0, f"read {many} triangles in slabs, which were reduced one by one")
-    repairs = coarsened + repairs
+    repairs = [*file.made, *coarsened, *repairs]
     if not force and not SMALLEST_VOLUME <= mesh.volume <= LARGEST_VOLUME:
         raise UserError(f"{path} (eye.path): the cavity holds {1e6 * mesh.volume:.2f} mL, but 2 to 12 mL are like an "
                         "eye's (eye.force: true accepts any volume)")
-    steps = step_size(mesh)
-    if smooth:
+    steps = 0.0 if file.made else step_size(mesh)
+    if smooth and not file.made:
         mesh = smoothed(mesh)
         repairs.append(f"smoothed steps of voxels of {1e3 * steps:.2g} mm, at the same volume" if steps else
                        "smoothed, at the same volume, as eye.smooth asks for, though it has no steps of voxels")

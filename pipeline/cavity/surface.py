@@ -40,7 +40,8 @@ def cavity_mesh(eye: Eye) -> "tuple[trimesh.Trimesh, dict]":
     from pipeline.cavity.landmarks import laid
     from pipeline.cavity.mesh_import import import_mesh
 
-    imported = import_mesh(eye.path, eye.unit, eye.force, to_origin=eye.landmarks is None, smooth=eye.smooth)
+    imported = import_mesh(eye.path, eye.unit, eye.force, to_origin=eye.landmarks is None, smooth=eye.smooth,
+                           label=eye.label, side=eye.side)
     mesh, lies = laid(imported.mesh, eye.landmarks, eye.side, eye.path, imported.space)
     return mesh, {"model": "mesh", "path": eye.path, "unit": eye.unit, "repairs": list(imported.repairs),
                   "warnings": list(imported.warnings), "orientation": lies}

@@ -24,11 +24,11 @@ def step_size(mesh: trimesh.Trimesh) -> float:
     return float(np.median(mesh.edges_unique_length))
 
 
-def smoothed(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a closed surface without its steps, and with its volume (windowed sinc filter)."""
+def smoothed(mesh: trimesh.Trimesh, volume: float | None = None) -> trimesh.Trimesh:
+    """Return a closed surface without its steps, with a volume or else its own (windowed sinc filter)."""
     surface = pyvista.make_tri_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).smooth_taubin(
         n_iter=ROUNDS, pass_band=PASS_BAND, normalize_coordinates=True)
     smooth = trimesh.Trimesh(np.asarray(surface.points, float), mesh.faces, process=False)
     center = smooth.center_mass
-    smooth.vertices = center + (smooth.vertices - center) * (mesh.volume / smooth.volume) ** (1.0 / 3.0)
+    smooth.vertices = center + (smooth.vertices - center) * ((volume or mesh.volume) / smooth.volume) ** (1.0 / 3.0)
     return smooth

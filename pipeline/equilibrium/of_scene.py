@@ -4,6 +4,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest, refined_start
+from pipeline.equilibrium.small_fills import ALIKE, LARGE, SMALL, energy, finest_at_rest, small_at_rest
 from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.scenes.effects import known_by_an_effect, sum_of_effects
 from pipeline.scenes.model import Eye, Scene
@@ -19,13 +20,17 @@ def liquids_at_rest(scene: Scene) -> Liquids:
 def rest_in_eye(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
     """Return the shape of least energy of those that are found with few directions, with four times as many.
 
-    Few directions blur the contact line, and touch up to 0.7 points more of the retina.
+    Few directions blur the contact line, and touch up to 0.7 points more of the retina. A fill that does not surround
+    the middle of the cavity is seen from its own middle; of one that may or may not, the shape with less energy counts.
     """
-    found = least_at_rest(cavity_of(eye), liquids, down, fill)
-    if not found.settled:
-        return found
+    found = least_at_rest(cavity_of(eye), liquids, down, fill) if fill >= SMALL else None
+    if found is None or not found.settled or fill < LARGE:
+        own = small_at_rest(eye, liquids, down, fill)
+        if found is None or not found.settled or (
+                own.settled and energy(own, liquids) < energy(found, liquids) - ALIKE * abs(energy(found, liquids))):
+            return finest_at_rest(eye, own, liquids, down)
     cavity = cavity_of(eye, FINE)
-    return at_rest(cavity, liquids, down, fill, refined_start(found, cavity, FINE))
+    return at_rest(cavity, liquids, down, fill, refined_start(found, cavity, FINE)) if found.settled else found
 
 
 def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:

@@ -133,7 +133,8 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
     first = fill ** (1.0 / 3.0) * energy.radius if start is None else np.minimum(start / length, energy.radius)
     if (first >= energy.radius).all():  # a full cavity leaves nothing free to move
         first = DRAWN_IN * energy.radius
-    distance, pressure, settled = _minimize(energy, fill * energy.volume(energy.radius), first)
+    whole = energy.volume(energy.radius) if cavity.whole is None else cavity.whole / length**3
+    distance, pressure, settled = _minimize(energy, fill * whole, first)
     depth = length * energy.wetting.depth_in_oil(energy.gap(distance))
     if not settled:
         LOG.info("the shape of %.4g %% oil did not come to rest in %d steps", 100.0 * fill, STEPS)

@@ -40,6 +40,8 @@ class StarCavity:
     faces : (m, 3) int, triangles of neighboring directions, counterclockwise from outside.
     radius : (n,), m, distance to the wall.
     slope : (n,), cosine between the ray and the normal of the wall.
+    whole : m3, volume of the cavity where it was taken from another viewpoint, since this one may not see all of it.
+    reach : m, how far from the viewpoint the oil may be: only there the triangles need to be fine.
     """
 
     viewpoint: np.ndarray
@@ -47,20 +49,27 @@ class StarCavity:
     faces: np.ndarray
     radius: np.ndarray
     slope: np.ndarray
+    whole: float | None = None
+    reach: float = np.inf
 
     @classmethod
-    def of_level(cls, level: Level, viewpoint, cuts: int = DRAFT) -> "StarCavity":
+    def of_level(cls, level: Level, viewpoint, cuts: int = DRAFT, *, partly: bool = False) -> "StarCavity":
         """Find the wall of a function of points (..., 3) in m, negative inside and near the wall about the distance.
+
+        Parameters
+        ----------
+        partly : some of the wall may lie behind other parts of it.
 
         Raises
         ------
-        UserError : the viewpoint does not see the whole wall.
+        UserError : the viewpoint does not see the whole wall, or is not in the cavity.
         """
         viewpoint = np.asarray(viewpoint, float)
         direction, faces = icosphere(cuts)
         reach = np.linspace(0.0, FARTHEST, SIGHTINGS)[1:]
         outside = np.stack([level(viewpoint + one * direction) > 0.0 for one in reach], axis=1)
-        if (np.diff(outside.astype(int), axis=1) < 0).any() or not outside[:, -1].all() or outside[:, 0].any():
+        hidden = not partly and (np.diff(outside.astype(int), axis=1) < 0).any()
+        if hidden or not outside[:, -1].all() or outside[:, 0].any():
             raise UserError("eye: oil at rest can only be found in a cavity whose whole wall is seen from one point, "
                             f"but {np.round(1e3 * viewpoint, 1).tolist()} mm does not see all of it")
         far = reach[outside.argmax(axis=1)]
@@ -99,8 +108,9 @@ class StarCavity:
 
     @functools.cached_property
     def edge(self) -> float:
-        """Length of the edge of a triangle of the wall, on the average, m."""
-        return float(np.sqrt(4.0 / np.sqrt(3.0) * self.face_area.mean()))
+        """Length of the edge of a triangle of the wall within reach, on the average, m."""
+        near = self.radius[self.faces].max(axis=1) < self.reach
+        return float(np.sqrt(4.0 / np.sqrt(3.0) * self.face_area[near if near.any() else ...].mean()))
 
 
 def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:

@@ -24,7 +24,6 @@ from pipeline.explorer.errors import Errors
 from pipeline.explorer.shapes import BEND, REACH, Cavities
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
-from pipeline.pages.run_page import POLICY
 from pipeline.pages.turning_view import EYE_AXES, EYE_VIEW, EYE_VIEWS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_DISTANCE, DISC_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK
@@ -33,10 +32,12 @@ from pipeline.planning.search import FILL_ERROR
 from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
 from pipeline.scenes.retina import DISC_RISE, ORA
+from pipeline.web.scripts import HERE as WEB
+from pipeline.web.scripts import POLICY, library
 
 MOST_BYTES = 12 * 10**6     # of the whole page
-HERE, PAGES = Path(__file__).parent, Path(__file__).parents[1] / "pages"
-SCRIPTS = (HERE / "model.js", HERE / "surfaces.js", HERE / "fundus.js", PAGES / "viewer.js", HERE / "explorer.js")
+HERE = Path(__file__).parent
+SCRIPTS = (HERE / "model.js", HERE / "surfaces.js", HERE / "fundus.js", WEB / "viewer.js", HERE / "explorer.js")
 TITLE = "What does the oil touch?"
 PARTS = ("whole retina", "superior half", "inferior half", "macula")
 WANTED = 0.5e-3             # m, that the tamponade must reach beyond a break
@@ -67,7 +68,7 @@ def page_of(folder: Path = FOLDER) -> str:
     text = page.page(TITLE, [
         page.paragraph("Oil or gas at rest in an average eye with its own lens. Move the fill, the head and the break.",
                        page.bold(NO_ADVICE)),
-        Markup(body), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
+        Markup(body), library("three.min.js"), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
         page.details("What this rests on", page.bullets(_assumed(known)), page.section("How far the tables are off"),
                      *Errors.read(folder).parts(), page.section("What was validated, and what was not"),
                      page.bullets(CHECKED)),

@@ -15,6 +15,7 @@ from pipeline.base.digest import call_digest
 from pipeline.base.errors import UserError
 from pipeline.base.files import size_of, write_text
 from pipeline.base.usage import KINDS, at_least, run_stage
+from pipeline.cavity.eye_files import eye_files
 from pipeline.cavity.initial_state import load_initial, save_initial
 from pipeline.forecast.phases import phases_of
 from pipeline.scenes.folders import scene_path
@@ -46,8 +47,7 @@ def identity(scene: Scene, folder: Path, made: Sequence[Path]) -> str:
     """Return what a measurement holds for: the code, the computer, the scene without its words, and what it reads."""
     values = {key: value for key, value in dataclasses.asdict(scene).items() if key not in WORDS}
     chosen = {*scene.effects, scene.numerics.scheme}
-    mesh = [Path(scene.eye.path)] if scene.eye is not None and scene.eye.path else []
-    read = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*mesh, *made)]
+    read = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*map(Path, eye_files(scene.eye)), *made)]
     if scene.start_from is not None:
         read.append(load_scene(scene_path(scene.start_from, folder), scene.accuracy).to_json())
     return " ".join([*(call_digest(module, chosen, None) for module in MODULES),

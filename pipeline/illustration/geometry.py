@@ -344,10 +344,11 @@ def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
 
     It is exact near the surface, elsewhere right to about the distance of the points.
     A surface that was pushed into the wall crosses itself at edges, and there the nearest triangle may be turned round:
-    what is inside is found by how often rays cross the surface.
+    what is inside is found by how often rays cross the surface. A ray that meets an edge may count wrong; a point that
+    is farther from the surface than its neighbors are from it lies on their side.
     """
     import pyvista
-    from scipy.ndimage import distance_transform_edt
+    from scipy.ndimage import distance_transform_edt, median_filter
 
     inside, level = np.zeros(len(opening.points), bool), np.full(len(opening.points), 1e3)
     asked = pyvista.PolyData(opening.points[where])
@@ -359,7 +360,9 @@ def _distance_on_plane(mesh, opening: Opening, where: np.ndarray) -> np.ndarray:
     level[where] = rough[where]
     near = where & (np.abs(rough) < NEAR_LINE * PLANE_CELL)
     found = pyvista.PolyData(opening.points[near]).compute_implicit_distance(mesh)["implicit_distance"]
-    level[near] = np.where(inside[near], -1.0, 1.0) * np.abs(found)
+    alone = np.abs(found) > 1.5 * PLANE_CELL
+    sides = np.where(alone, median_filter(square, 3).ravel()[near], inside[near])
+    level[near] = np.where(sides, -1.0, 1.0) * np.minimum(np.abs(found), NEAR_LINE * PLANE_CELL)
     return level
 
 

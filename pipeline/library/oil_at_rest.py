@@ -137,4 +137,4 @@ def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, postur
 class _Fill:
     """How much oil there is."""
 
-    fill: float = parameter(minimum=0.05, maximum=0.999, meaning="share of the cavity that is oil")
+    fill: float = parameter(minimum=0.01, maximum=0.999, meaning="share of the cavity that is oil")

@@ -16,9 +16,9 @@ from pipeline.library.changes import changed_scene
 from pipeline.library.metrics_table import MetricsTable
 from pipeline.library.workflow_call import make
 from pipeline.measures.shown import shown_metrics
+from pipeline.pages.embedded import data_url, webp
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
-from pipeline.pages.scrubber import data_url, webp
 from pipeline.runs.run_folder import RunFolder
 from pipeline.runs.segments import segment_path
 from pipeline.scenes.effects import illustration_in_words

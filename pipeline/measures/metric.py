@@ -69,11 +69,18 @@ class Metric:
                 and (not self.of_places or bool(getattr(scene, self.of_places))))
 
 
-def write_meanings(path: Path, metrics: Iterable[Metric], breaks: Sequence[Mapping] = ()) -> None:
-    """Write what metrics mean, all but their functions, and when breaks were covered, for whoever reads their table."""
+def write_meanings(path: Path, metrics: Iterable[Metric], breaks: Sequence[Mapping] = (),
+                   at_rest: Mapping[str, Any] | None = None) -> None:
+    """Write what metrics mean, all but their functions, for whoever reads their table.
+
+    Parameters
+    ----------
+    breaks : when breaks were covered.
+    at_rest : what the oil would touch at rest; None where it is not known.
+    """
     records = [{field.name: getattr(one, field.name) for field in dataclasses.fields(Metric)
                 if field.name != "function"} for one in metrics]
-    text = json.dumps({"metrics": records, "breaks": list(breaks)}, indent=1, ensure_ascii=False)
+    text = json.dumps({"metrics": records, "breaks": list(breaks), "at_rest": at_rest}, indent=1, ensure_ascii=False)
     write_text(path, f"{text}\n")
 
 

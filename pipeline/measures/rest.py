@@ -77,7 +77,7 @@ def rest_in_words(table: Mapping[str, np.ndarray], events: Iterable[Event] = (),
             f"{REST_RATE:g} for {REST_WINDOW:g} s")
     if ended:
         said += ("; oil that creeps along the wall may need minutes all the same" if still else
-                 "; a longer output.duration shows where it ends")
+                 "; a longer output.duration follows it further")
     return said
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from pipeline.base.numbers import digits_of, plain, with_uncertainty
 from pipeline.measures.metric import Metric
 
 DIGITS = 3
@@ -52,11 +53,11 @@ class Curve:
         value, uncertainty = self.values[frame], self.uncertainty[frame]
         if not np.isfinite(value):
             return ""
-        if not uncertainty > 0.0:
-            return plain(value, self.decimals)
-        first = math.floor(math.log10(uncertainty))
-        digits = min(1 - first if f"{uncertainty:e}"[0] == "1" else -first, self.decimals)  # 1.4, but 4
-        return f"{plain(value, min(self.decimals, max(1 - first, 0)))} ± {plain(round(uncertainty, digits), digits)}"
+        return with_uncertainty(value, uncertainty, self.decimals)
+
+    def beside(self, other: float, frame: int) -> str:
+        """Another number, to stand beside one of these in the same digits."""
+        return plain(other, digits_of(self.uncertainty[frame], self.decimals))
 
     def texts(self) -> list[str]:
         """Numbers at the start and at the end, the smallest and the largest; empty where nothing was measured."""
@@ -138,9 +139,3 @@ def _largest(numbers: np.ndarray) -> float:
 def _decimals(largest: float) -> int:
     """Digits after the point of numbers up to a size."""
     return max(DIGITS - 1 - math.floor(math.log10(largest)), 0) if largest > 0.0 else 0
-
-
-def plain(value: float, decimals: int) -> str:
-    """Return a number with so many digits after the point, without the sign of a zero."""
-    text = f"{value:.{max(decimals, 0)}f}"
-    return text.lstrip("-") if not text.strip("-0.") else text

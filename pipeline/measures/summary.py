@@ -7,38 +7,44 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.files import write_text
+from pipeline.base.tables import TIME
+from pipeline.measures.charts import curves
+from pipeline.measures.events import Event
 from pipeline.measures.place_course import EXPLAINED, HEADS, IN_A_LAPSE, Course
 from pipeline.measures.shown import Curve, Shown
 from pipeline.scenes.effects import illustration_in_words
 from pipeline.scenes.model import Scene
+from pipeline.web.chart import chart_library, chart_style, charts
+from pipeline.web.scripts import POLICY
 
 
 def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.ndarray], scene: Scene,
-                  sheet: bytes, courses: Sequence[Course] = (), rest: str = "") -> None:
+                  events: Sequence[Event] = (), courses: Sequence[Course] = (), rest: str = "") -> None:
     """Write a page with one row per column that changes, and a table of those that do not.
 
     Parameters
     ----------
     shown : metrics in the order of interest.
-    sheet : the plots that matter most, as PNG.
+    events : what happens in the scene.
     courses : of the breaks of the scene.
     rest : whether it is at rest at its end, in words.
     """
     title, illustrated = scene.title or scene.name, illustration_in_words(scene)
     write_text(path, page.page(f"{title}: metrics", [
+        chart_library(),
         page.paragraph(scene.description),
         page.paragraph(page.bold(scene.label), f"{illustrated}.") if illustrated else "",
         page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
                        f"{1e3 * scene.numerics.particle_spacing:g} mm."),
         page.paragraph(f"{rest[:1].upper()}{rest[1:]}." if rest else ""),
         *breaks_over_time(courses),
-        page.picture(sheet, f"{title}: the metrics that matter most over time"),
+        charts(curves(shown, table[TIME], events)),
         page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "
                        "the contact line, as are the bands in the plots."),
         changing(shown),
         *([page.section("Constant"), page.paragraph("Within the digits shown these do not change, and have no plot."),
            constant(shown)] if any(one.constant for one in shown) else []),
-    ], heading=title, path=path))
+    ], heading=title, path=path, style=chart_style(), head=POLICY))
 
 
 def breaks_over_time(courses: Sequence[Course]) -> list[Markup]:

@@ -1,1 +1,1 @@
-"""What the page of a run is made of: numbers, events, curves, pictures to scrub through and a view that turns."""
+"""What the page of a run is made of: numbers, movie, timeline, maps of the fundus, surfaces over time."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import numpy as np
 from PIL import Image
 
-from pipeline.pages.scrubber import data_url, webp
+from pipeline.pages.embedded import data_url, webp
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
 from pipeline.pictures.moments import evenly_chosen

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipeline.pictures.movie_file import H264
 
-MOST_BYTES = 3_500_000
+MOST_BYTES = 4_000_000
 WIDTH = 960  # pixels of a smaller copy
 MARGIN = 0.8  # of the rate that the bytes allow: the encoder may exceed it
 

@@ -34,7 +34,7 @@ class Fields:
     fraction : (n, m) of what is shown.
     dominance : fields (n, m) whose zeros are drawn as lines.
     origin : (2,) m, the first node; ``cell`` in m.
-    droplets : (n, m) share of oil in droplets, which is drawn over the liquid around them.
+    droplets : (n, m) share of oil in droplets, which is drawn over the liquid around them, and not over the oil itself.
     """
 
     signed_distance: np.ndarray
@@ -117,7 +117,7 @@ class SlicePanel:
         """Return the panel with the liquids of one frame, and lines between them."""
         colors = self.paint.of(self.sample(fields.fraction)).astype(np.float32)
         if fields.droplets is not None:
-            colors = self._with_droplets(colors, fields.droplets)
+            colors = self._with_droplets(colors, fields)
         lines = self.strokes([self.pixel(*(line * fields.cell + fields.origin[:, None].T).T)
                               for level in fields.dominance for line in level_lines(level)],
                              max(3.0, 0.0042 * self.size[1]))
@@ -143,11 +143,12 @@ class SlicePanel:
                                strict=True)))
         return np.asarray(image.reduce(OVERSAMPLING**2), np.float32) / 255.0
 
-    def _with_droplets(self, colors: np.ndarray, droplets: np.ndarray) -> np.ndarray:
+    def _with_droplets(self, colors: np.ndarray, fields: Fields) -> np.ndarray:
         low, high = np.log10(DROPLET_RANGE)
-        level = (np.log10(np.maximum(self.sample(droplets), 10.0**low)) - low) / (high - low)
+        level = (np.log10(np.maximum(self.sample(fields.droplets), 10.0**low)) - low) / (high - low)
         paint = DROPLET_COLORS[np.clip(level * 255.0 + 0.5, 0, 255).astype(np.uint8)]
-        opacity = np.clip(5.0 * level, 0.0, 1.0)[..., None]     # fades in over the first decade
+        around = np.clip(2.0 - 2.0 * self.sample(fields.fraction), 0.0, 1.0)   # 0 in oil
+        opacity = (around * np.clip(5.0 * level, 0.0, 1.0))[..., None]         # fades in over the first decade
         return (colors * (1.0 - opacity) + paint * opacity).round()
 
 

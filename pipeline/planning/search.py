@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.base.digest import call_digest
 from pipeline.base.progress import progress
+from pipeline.cavity.eye_files import eye_files
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
 from pipeline.planning.settings import postures
@@ -165,9 +166,9 @@ def write_map(question: Question, folder: Path = MAP) -> int:
 def _values(eye: Eye) -> dict[str, object]:
     """What tells the shape of an eye from others: its numbers, and what is in its mesh."""
     values: dict[str, object] = dataclasses.asdict(eye)
-    if eye.landmarks is None:  # these turn a mesh as its side says; else it counts for words only
+    if eye.landmarks is None and eye.label is None:  # these turn a mesh as its side says, or tell it; else it is words
         values.pop("side")
     if eye.path:
-        path = Path(eye.path)
-        values["path"] = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else eye.path
+        values["path"] = [hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
+                          for path in map(Path, eye_files(eye))]
     return values

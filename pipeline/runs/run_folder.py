@@ -17,6 +17,7 @@ from pipeline.base.tables import read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures.events import Event, events_of
+from pipeline.measures.least_energy import LeastEnergy, read_least_energy
 from pipeline.measures.metric import Metric, read_meanings
 from pipeline.runs.segments import segment_path, segments_made
 from pipeline.scenes.load import scene_of_run
@@ -127,6 +128,11 @@ class RunFolder:
     def metrics(self) -> list[Metric]:
         """What the columns of the table mean."""
         return read_meanings(self.folder / "metrics.json")
+
+    @functools.cached_property
+    def least_energy(self) -> LeastEnergy | None:
+        """What its oil would touch at rest in the fill and posture at its end; None where that is not known."""
+        return read_least_energy(self.folder / "metrics.json")
 
     @property
     def events(self) -> list[Event]:

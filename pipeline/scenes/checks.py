@@ -12,6 +12,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from pipeline.scenes.effects import down_at_start, oil_of
 from pipeline.scenes.eye_shape import globe_of, shape_of
 from pipeline.scenes.model import (
     AT_REST,
+    IMAGES,
     LARGEST_ANGLE,
     REST_WINDOW,
     SMALLEST_ANGLE,
@@ -35,6 +37,7 @@ from pipeline.scenes.model import (
     Region,
     Scene,
     is_closed,
+    is_image,
 )
 from pipeline.scenes.reader import Key, NotRead
 from pipeline.scenes.retina import ORA
@@ -342,6 +345,11 @@ def _eye_is_one_model(eye: Eye | None) -> Found:
         yield ("eye", "path"), "is missing, but an eye of model mesh must name its mesh file"
     if eye.model == "parametric" and eye.path is not None:
         yield ("eye", "path"), "is given, but model is parametric; use model: mesh to read a mesh file"
+    if eye.label is not None and eye.model == "parametric":
+        yield ("eye", "label"), "is given, but model is parametric; use model: mesh to read a labelled image"
+    elif eye.label is not None and eye.path is not None and not is_image(eye.path):
+        yield ("eye", "label"), (f"is given, but {Path(eye.path).name} is no labelled image, which end in "
+                                 f"{', '.join(IMAGES)}; leave it out")
 
 
 @_check

@@ -2,6 +2,7 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 from pipeline.scenes.retina import ASSUMED_HEIGHT, FRONT, HOUR, ORA, PARTS, Patch, part_of_chart, square
@@ -19,7 +20,13 @@ SMALLEST_ANGLE, LARGEST_ANGLE = math.radians(5.0), math.radians(45.0)  # of cont
 SHAPES = ("box", "ball", "cylinder_x", "cylinder_y", "cylinder_z")
 EQUATOR = math.radians(90.0) + 1e-9   # from the posterior pole; units are rounded
 LARGEST_LATITUDE = math.radians(ORA)
+IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr")   # ends of the names of labelled images
 MESH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 25.4e-3}
+
+
+def is_image(path: Path | str) -> bool:
+    """Say by its name whether the file of an eye is a labelled image."""
+    return str(path).lower().endswith(IMAGES)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,10 +87,14 @@ class Eye:
                              meaning="diameter of the pupil through which they do")
     buckle: Buckle | None = parameter(None, meaning="scleral buckle of the parametric eye")
     staphyloma: Staphyloma | None = parameter(None, meaning="staphyloma of the parametric eye")
-    path: str | None = parameter(None, meaning="mesh file, relative to the folder of the scene file")
-    unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of the mesh file")
-    force: bool = parameter(False, meaning="accept a mesh whose size is unlike an eye's")
-    smooth: bool = parameter(False, meaning="smooth the steps of voxels of a mesh, at the same volume")
+    path: str | None = parameter(None, meaning="mesh or labelled image (NIfTI, NRRD), relative to the folder of the "
+                                               "scene file")
+    label: int | None = parameter(None, minimum=1, maximum=2**31 - 1,
+                                  meaning="number of the vitreous cavity in a labelled image")
+    unit: str = parameter("mm", choices=MESH_UNITS, meaning="unit of length of a mesh, or of an image that names none")
+    force: bool = parameter(False, meaning="accept a mesh or an image unlike an eye")
+    smooth: bool = parameter(False, meaning="smooth the steps of voxels of a mesh, as those of an image always are, at "
+                                         "the same volume")
     landmarks: Landmarks | None = parameter(
         None, meaning="how the mesh lies, else as the head of its file or its flat side tells, else x to the "
                       "patient's left, y superior, z anterior")

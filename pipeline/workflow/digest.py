@@ -66,10 +66,11 @@ def stage_digest(stage: str, scene: Scene | None = None) -> str:
 def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
     """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid.
 
-    Parameters of schemes that are not chosen are not read by any stage. Landmarks turn a mesh as its side says.
+    Parameters of schemes that are not chosen are not read by any stage. Landmarks turn a mesh as its side says, and an
+    image may tell another side.
     """
     values = json.loads(json.dumps(dataclasses.asdict(scene)))
-    if scene.eye is not None and scene.eye.landmarks is not None:
+    if scene.eye is not None and (scene.eye.landmarks is not None or scene.eye.label is not None):
         unread = [key for key in unread if key != "eye.side"]
     values["schemes"] = values["schemes"].get(scene.numerics.scheme)
     for key in (*ASKED, *unread):

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
+from pipeline.cavity.eye_files import eye_files
 from pipeline.runs.contents import CRATE
 from pipeline.runs.segments import segments_made, segments_until_rest
 from pipeline.scenes.checks import NAME
@@ -33,6 +34,7 @@ LEVELS = Path("config/accuracy.yaml")
 OUTPUTS = Path("outputs")
 KEYS = ("scenes", "accuracy", "device")
 DEVICE = "--config device"
+TEXTS = (".js", ".css", ".html")  # of pages
 WANTED = ("index.html", "movie.mp4", "metrics.csv", "advice.html", "effects.html", "cost.html", "run.pvd",
           CRATE)
 REQUESTED = ("bodies.csv", "estimate.json", "film.mp4", "frames/frames.pvd", "turntable.mp4")  # made when asked for
@@ -74,6 +76,14 @@ def scene_names() -> list[str]:
 def sha256(content: bytes) -> str:
     """Return the digest of the content of files, 16 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+def room_texts(*rooms: str) -> str:
+    """Return the digest of the scripts, styles and templates in rooms of the pipeline, and of their libraries."""
+    from pipeline.base.digest import ROOT
+
+    return sha256(b"".join(path.read_bytes() for room in rooms for path in sorted((ROOT / "pipeline" / room).rglob("*"))
+                           if path.suffix in TEXTS))
 
 
 def rest_file(name: str, level: str, segment: str) -> str:
@@ -203,9 +213,8 @@ class Workflow:
         return [f"{OUTPUTS}/{earlier}/{level}/checkpoints/segment_{last}.npz"]
 
     def mesh(self, name: str, level: str) -> list[str]:
-        """Return the user's mesh of the eye, as a list; empty for the parametric eye."""
-        eye = self.scene(name, level).eye
-        return [eye.path] if eye is not None and eye.path else []
+        """Return the files of the user's mesh or image of the eye; none for the parametric eye."""
+        return eye_files(self.scene(name, level).eye)
 
     def wanted(self, names: Iterable[str]) -> list[str]:
         """Return what is made of scenes unless somebody asks for less, at the accuracy level of this call."""
@@ -223,14 +232,22 @@ class Workflow:
         stop(f'no scene and no study is called "{word}"{nearest(word, known)}; {LISTED} scenes, and the studies are '
              f"{', '.join(study_names())}")
 
-    def compared(self, name: str, level: str, other: str) -> list[str]:
-        """Return the files by which two levels of a scene are compared: metrics, pictures and costs of both."""
-        if level == other:
-            stop(f"{OUTPUTS}/{name}/compare_{level}_{other}: compares {level} with itself; name two of "
-                 f"{', '.join(self.levels)}")
+    def levels_in(self, joined: str) -> list[str]:
+        """Return the levels in the name of a comparison, such as ``draft_standard``."""
+        longest_first = "|".join(map(re.escape, sorted(self.levels, key=len, reverse=True)))
+        return re.findall(rf"(?:^|_)({longest_first})(?=_|$)", joined)
+
+    def compared(self, name: str, joined: str) -> list[str]:
+        """Return the files by which levels of a scene are compared: metrics, pictures and costs of each."""
+        levels = self.levels_in(joined)
+        for level in levels:
+            if levels.count(level) > 1:
+                stop(f"{OUTPUTS}/{name}/compare_{joined}: compares {level} with itself; name two or more of "
+                     f"{', '.join(self.levels)}")
         files = []
-        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in (level, other)):
-            files += [f"{folder}/metrics.csv", *(f"{folder}/images/segment_{segment}" for segment in segments),
+        for folder, segments in ((f"{OUTPUTS}/{name}/{one}", self.segments(name, one)) for one in levels):
+            files += [f"{folder}/{file}" for file in ("metrics.csv", "metrics.json", "initial.npz")]
+            files += [*(f"{folder}/images/segment_{segment}" for segment in segments),
                       *(f"{folder}/costs/segment_{segment}.json" for segment in segments)]
         return files
 
@@ -249,7 +266,7 @@ class Workflow:
         first, _, after = rest.partition("/")
         meant = nearest(first, self.levels) if after else ""
         if first.startswith("compare_"):
-            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two of {levels}")
+            stop(f"{folder}/{rest}: must be compare_<level>_<level>.html, .png or .csv, with two or more of {levels}")
         if rest in self.levels:
             stop(f"{folder}/{rest}: is a folder; ask for a file in it, such as {folder}/{rest}/{file}")
         if meant:
@@ -301,11 +318,8 @@ class Workflow:
     @staticmethod
     def page_texts(wildcards) -> str:
         """Return a parameter that changes with the texts of a page that are no Python: scripts and scene files."""
-        from pipeline.base.digest import ROOT
-
-        texts = [path for path in (ROOT / "pipeline" / "pages").iterdir() if path.suffix in (".js", ".css")]
         shown = _read(scene_files, _read(scene_path, wildcards.scene))
-        return sha256(b"".join(path.read_bytes() for path in sorted(texts)) + "".join(shown.values()).encode())
+        return sha256((room_texts("pages", "web") + "".join(shown.values())).encode())
 
     def tell_pages(self) -> None:
         """Print where the page and the pictures of every scene of this run are, as far as they have been made."""

@@ -1,6 +1,5 @@
 """Meshes as clinics and programs write them: where they lie, how vertices are spread, dialects, steps of voxels."""
 import json
-import struct
 
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ import pyvista
 import trimesh
 from conftest import ROOT
 from helpers import forked
+from helpers.mesh_dialects import binary_stl, comma, obj, ply_of_strips, text_stl
 from skimage.measure import marching_cubes
 
 from pipeline.base.errors import UserError
@@ -175,33 +175,6 @@ def test_smooth_shapes_have_no_steps(eye, tmp_path):
 
 # How it is written
 
-def text_stl(mesh, number="{:.6e}".format, solid="eye"):
-    lines = [f"solid {solid}"]
-    for corners in mesh.triangles:
-        lines += ["facet normal 0 0 0", "outer loop", *(f"vertex {' '.join(map(number, one))}" for one in corners),
-                  "endloop", "endfacet"]
-    return "\n".join([*lines, f"endsolid {solid}", ""])
-
-
-def binary_stl(mesh, head=b"", count=None, tail=b""):
-    data = np.zeros(len(mesh.faces), np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")]))
-    data["v"] = mesh.triangles
-    return head.ljust(80) + struct.pack("<I", len(mesh.faces) if count is None else count) + data.tobytes() + tail
-
-
-def obj(mesh, number="{:.6f}".format, order="vertices first"):
-    vertices = [f"v {' '.join(map(number, one))}" for one in mesh.vertices]
-    count = len(mesh.vertices)
-    if order == "from the end":
-        return "\n".join([*vertices, "g wall", *(f"f {a - count} {b - count} {c - count}" for a, b, c in mesh.faces)])
-    faces = [f"f {a + 1}//{a + 1} {b + 1}//{b + 1} \\\n {c + 1}//{c + 1}  # wall" for a, b, c in mesh.faces]
-    return "\n".join(["o eye", *faces, *vertices] if order == "faces first" else ["o eye", *vertices, *faces])
-
-
-def comma(value):
-    return f"{value:.6f}".replace(".", ",")
-
-
 DIALECTS = {
     "commas.stl": lambda mesh: text_stl(mesh, comma).encode(),
     "capitals.stl": lambda mesh: text_stl(mesh).upper().encode(),
@@ -214,17 +187,8 @@ DIALECTS = {
     "commas.obj": lambda mesh: obj(mesh, comma).encode(),
     "faces_first.obj": lambda mesh: obj(mesh, order="faces first").encode(),
     "from_the_end.obj": lambda mesh: obj(mesh, order="from the end").encode(),
-    "strips.ply": lambda mesh: _strips(mesh),
+    "strips.ply": lambda mesh: ply_of_strips(mesh),
 }
-
-
-def _strips(mesh):
-    strips = np.column_stack([mesh.faces, np.full(len(mesh.faces), -1)]).ravel()
-    return "\n".join(["ply", "format ascii 1.0", f"element vertex {len(mesh.vertices)}", "property float x",
-                      "property float y", "property float z", "element tristrips 1",
-                      "property list int int vertex_indices", "end_header",
-                      *(" ".join(map(str, one)) for one in mesh.vertices),
-                      f"{len(strips)} {' '.join(map(str, strips))}", ""]).encode()
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from conftest import ROOT
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.cavity.voxels import voxelize
+from pipeline.equilibrium import rest
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.of_scene import rest_of
 from pipeline.scenes.effects import down_at_start
@@ -67,8 +68,19 @@ def test_oil_at_rest_hardly_moves(taichi, scene):
 
 
 @pytest.mark.thorough
-def test_a_fill_without_a_shape_is_one_sentence(scene, initial):
+@pytest.mark.parametrize(("posture", "axis", "way"), [("upright", 1, 1), ("prone", 2, -1), ("left_side", 0, -1)])
+def test_a_small_fill_starts_as_a_bubble_at_the_wall(scene, initial, posture, axis, way):
+    """2 %, a ball of 6 mm: where it starts, the wall is nearer than its radius."""
+    scene, position = in_posture(scene, posture), initial["fluid_position"]
     scene = dataclasses.replace(scene, initial=dataclasses.replace(
         scene.initial, fill={"silicone_oil_1000": 0.02, "aqueous": 0.98}))
-    with pytest.raises(UserError, match=r"initial\.shape: no shape of 2 % oil at rest was found.*write level"):
+    oil = position[initial_phases(scene, position, down_at_start(scene)) == 1]
+    assert len(oil) == round(0.02 * len(position)) and way * oil[:, axis].mean() > 7e-3
+    assert np.linalg.norm(oil - oil.mean(axis=0), axis=1).max() < 4.5e-3
+
+
+@pytest.mark.thorough
+def test_a_shape_that_is_not_found_is_one_sentence(monkeypatch, scene, initial):
+    monkeypatch.setattr(rest, "STEPS", 1)
+    with pytest.raises(UserError, match=r"initial\.shape: no shape of 85 % oil at rest was found.*write level"):
         initial_phases(scene, initial["fluid_position"], down_at_start(scene))

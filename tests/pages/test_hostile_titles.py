@@ -63,7 +63,7 @@ def test_titles_fit_into_pictures(scene):
 
 def test_pages_show_titles_as_text(scene, tmp_path):
     shown = shown_metrics(TABLE, [Metric("speed", "m/s", "", None, place=1)])
-    write_summary(tmp_path / "metrics.html", shown, TABLE, scene, b"")
+    write_summary(tmp_path / "metrics.html", shown, TABLE, scene)
     study = dataclasses.replace(load_study("validation"), title=scene.title, description=scene.description)
     study_report._write_page(tmp_path / "table.html", study, [Outcome(remarks=[scene.title])], [])
     pages = [path.read_text() for path in tmp_path.glob("*.html")]

@@ -104,9 +104,8 @@ def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_wri
 
 def test_a_page_without_a_table_is_told(project):
     (project / "docs" / "results" / "old.md").write_text("# Old\n")
-    found = run(project, "--check")
-    assert found.returncode == 2
-    assert "old.md: belongs to no page" in found.stderr
+    with pytest.raises(UserError, match=r"old\.md: belongs to no page"):
+        main(["--check", "--project", str(project)])
 
 
 @pytest.mark.thorough
@@ -170,7 +169,7 @@ def test_a_relative_error_is_told_in_percent(project):
     line = {"case": "spin_down-central n=32", "quantity": "height", "value": "1.13371", "unit": "m",
             "reference": "1.1335", "error": "0.000183137", "error_is": "relative", "tolerance": "0.02", "holds": "true"}
     folder = study_table(project, "validation", "fine", line)
-    assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
+    assert main(["--take", str(folder), "--add", "flow=spin_down*", "--project", str(project)]) == 0
     row = rows_of(project, "validation")[-1]
     assert (row.error, row.allowed, row.error_unit) == ("0.01831", "2", "%")
 

@@ -22,7 +22,7 @@ from pipeline.base.usage import KINDS, run_stage
 from pipeline.base.words import duration, memory
 from pipeline.cavity.container import container_arrays
 from pipeline.estimate import Estimate, html_of, json_of, main, notes, text_of
-from pipeline.forecast import measurement, retina_error
+from pipeline.forecast import measurement, prediction, retina_error
 from pipeline.forecast.expected_error import COLUMNS, ORDERS, SHIPPED, expected_errors
 from pipeline.forecast.measurement import coarser, measured, rehearsal_spacings
 from pipeline.forecast.phases import Phase, phases_of, state_in
@@ -242,6 +242,18 @@ def test_prediction_adds_up(name):
     assert found.pressure_iterations == pytest.approx(10.0) and found.viscosity_iterations == pytest.approx(5.0)
     assert found.disk == 3e5 * scene.frame_count + 1e6 * scene.segment_count + 3e5 * scene.frame_count
     assert found.memory == 3e8 and found.notes == ()
+
+
+def test_the_total_counts_the_cores_that_the_run_has(monkeypatch):
+    """Work that keeps several cores busy takes longer on fewer; more than this computer has do not help."""
+    monkeypatch.setattr(prediction, "available_cores", lambda: 8)
+    scene = load("tamponade")
+    measured = synthetic(scene)
+    measured["probe"]["phases"] = [phase | {"wall": 0.1, "cpu": 0.8} for phase in measured["probe"]["phases"]]
+    found = {cores: predict(scene, measured, cores) for cores in (None, 1, 2, 8, 64)}
+    work = sum(stage["cpu"] for stage in found[1].seconds.values())
+    assert found[1].total == pytest.approx(work) and found[2].total == pytest.approx(0.5 * work)
+    assert found[None].total == found[8].total == found[64].total < 0.5 * found[2].total
 
 
 def test_wall_time_is_never_below_what_all_cores_need():

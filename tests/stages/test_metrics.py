@@ -491,7 +491,7 @@ def test_axis_of_a_share_is_whole_and_its_band_is_drawn():
     assert axes.get_ylim()[0] <= 0.0 and axes.get_ylim()[1] >= 100.0
     band = axes.collections[0].get_paths()[0].vertices[:, 1]
     assert (band.min(), band.max()) == pytest.approx((63.5, 72.0))
-    assert shown["wall_coverage"].curves[0].texts()[:2] == ["67.5 ± 4", "68.0 ± 4"]
+    assert shown["wall_coverage"].curves[0].texts()[:2] == ["68 ± 4", "68 ± 4"]
 
 
 def test_small_energies_have_a_prefix():

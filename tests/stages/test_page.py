@@ -4,6 +4,7 @@ import dataclasses
 import io
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from pipeline.base.page import RUN_PAGES
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
 from pipeline.forecast.expected_error import ExpectedError
+from pipeline.measures.least_energy import LeastEnergy
 from pipeline.measures.metric import Metric
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines, headlines_of
@@ -37,6 +39,8 @@ FRAMES = 5
 TITLE = 'Oil <b>& "water"</b></script>'
 HOSTILE = "<script>alert(1)</script> $x_{ {{ 7 * 7 }} 😀"
 WIDTHS = (1400, 390)
+CANVAS = "document.querySelector('.turning canvas').toDataURL()"
+PAPER = "getComputedStyle(document.body).backgroundColor"
 TEAR = Break("tear", hour=6.0, latitude=np.radians(60.0), width=2.0)
 
 
@@ -113,21 +117,59 @@ def test_page_holds_all_that_it_shows(index):
 @pytest.mark.thorough
 def test_page_says_first_what_people_ask_for(index):
     text = index.read_text()
-    numbers = re.findall(r"<li><b>([^<]*)</b>([^<]*)", text[text.index('class="numbers"'):text.index("<video")])
-    assert [meaning.partition(":")[0] for _, meaning in numbers] == [
+    numbers = re.findall(r"<li><b>([^<]*)</b> ([^<]*)<small>minimum-energy shape: ([^<]*)</small>", text)
+    assert [meaning.partition(":")[0] for _, meaning, _ in numbers] == [
         "of the retina is under oil", "of its inferior half", "of the macula"]
-    assert re.search(r": it touches \d+ %, \d+ % are on a film of aqueous of \d+ to \d+ µm$", numbers[0][1])
-    assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, _ in numbers)
+    assert re.search(r": it touches [\d.]+ %, [\d.]+ % are on a film of aqueous of [\d.]+ to \d+ µm$", numbers[0][1])
+    assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, *_ in numbers)
     places = [text.index(words) for words in (
-        'class="still"', "of the retina is under oil", "<video", 'type="range"', "<canvas", "Fundus over time",
-        "<h2>Over time",
+        'class="still"', "of the retina is under oil", "<video", "What was done to the eye", "Fundus over time",
+        "<canvas", "<h2>Over time", "<h2>Numbers",
         "retina coverage whole</td>", "Numbers of the computation</summary>", "pressure iterations</td>",
-        "What was simulated", "left out, and why", "laplace: pressure jump", "Versions", "tiny.yaml</summary>",
-        "extends: tamponade", "tamponade.yaml</summary>")]
+        "<h2>Errors to expect", "<b>covered retina at rest: within 3 points", "1 other errors",
+        "laplace: pressure jump", "<h2>Cost", "What was simulated", "left out, and why", "Versions",
+        "tiny.yaml</summary>", "extends: tamponade", "tamponade.yaml</summary>")]
     assert places == sorted(places)
     assert "0.05 × real time, 1 picture per second, 5 in all, 5.5 s; the scene saves a frame every 0.05 s." in text
     quote = "At this level the covered retina at rest is within 3 points of the retina (measured on tamponade)."
     assert text.index('class="numbers"') < text.index(quote) < text.index("<video")
+
+
+@pytest.mark.thorough
+def test_a_number_is_rounded_once(index):
+    text = index.read_text()
+    (first, touched, film), = re.findall(
+        r"<b>([^<]*) %</b> of the retina is under oil: it touches ([\d.]+) %, ([\d.]+) %", text)
+    for name, number in (("coverage", first), ("contact", touched), ("film", film)):
+        row = text[text.index(f"retina {name} whole</td>"):].partition("</tr>")[0]
+        assert row.split("<td>")[2].startswith(f"{number}</td>"), name
+        told = json.dumps(number)
+        assert f"{told}]" in text[text.index("showCharts(document"):], name  # what the curve tells at its end
+
+
+@pytest.mark.thorough
+def test_inherited_turns_are_told_with_the_file_that_says_so(index):
+    line = r'<div role="listitem"><span>([^<]*)(?: <small>([^<]*)</small>)?</span><span class="when">([^<]*)'
+    lines = re.findall(line, index.read_text())
+    assert ("supine", "(from tamponade.yaml)", "throughout") in lines
+    assert any(words == "silicone oil 1000 flows in" and "tamponade.yaml" in file for words, file, _ in lines)
+
+
+@pytest.mark.thorough
+def test_a_run_that_is_half_there_says_so(run_folder, index, tmp_path):
+    half = tmp_path / "tiny" / "draft"
+    shutil.copytree(run_folder, half)
+    for folder in ("images", "surfaces", "frames"):
+        for path in (half / folder / "segment_000").glob("frame_0000[34]*"):
+            path.unlink()
+    (half / "still.png").unlink()
+    scene = json.loads((half / "scene.json").read_text())
+    scene["output"]["frames_per_segment"] = 2  # the second segment is not there yet
+    (half / "scene.json").write_text(json.dumps(scene))
+    page.main([str(half), "--source", str(ROOT / "config" / "scenes" / "tests" / "tiny.yaml")])
+    text = (half / "index.html").read_text()
+    assert "This run is not finished: 3 of 5 frames are drawn, up to t = 0.10 s of 0.20 s." in text
+    assert "not finished" not in index.read_text()
 
 
 @pytest.mark.thorough
@@ -166,11 +208,11 @@ def test_a_large_movie_is_made_smaller(tmp_path):
 
 def turned_by_a_finger(browser):
     """Whether fingers turn the eye, and leave the page where it is; elsewhere they scroll it, upward only."""
-    picture, place = "document.querySelector('canvas').toDataURL()", "[scrollX, scrollY, visualViewport.pageLeft]"
-    browser.middle("canvas")
+    picture, place = CANVAS, "[scrollX, scrollY, visualViewport.pageLeft]"
+    browser.middle(".turning canvas")
     before, views = browser.run(place), [browser.run(picture)]
     for right, down in ((120, 0), (0, -90), (-60, 60)):
-        browser.touch("canvas", right, down)
+        browser.touch(".turning canvas", right, down)
         views.append(browser.run(picture))
         assert browser.run(place) == before, "the page moves while the eye is turned"
     browser.touch("h1", -150, 0)
@@ -179,6 +221,32 @@ def turned_by_a_finger(browser):
     browser.touch("h1", 0, -150)
     assert browser.run("scrollY") > start, "fingers do not scroll the page: the rest says nothing"
     return len(set(views)) == len(views)
+
+
+def curves_tell_values(browser):
+    """Whether the curves tell their last values at first, and others where the mouse is, all at the same time."""
+    told = "[...document.querySelectorAll('.chart')].map(one => one.querySelector('.u-value').textContent)"
+    assert set(browser.run(told)) == {"0.2"}
+    x, y = browser.middle(".chart .u-over")
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    browser.wait_for_drawing()
+    return set(browser.run(told)) == {"0.1"}
+
+
+def the_wheel_zooms_only_what_was_clicked(browser):
+    """Whether the wheel scrolls the page over the view, and zooms the view once that has been clicked."""
+    def wheel():
+        x, y = browser.middle(".turning canvas")
+        browser.wait_for_drawing()
+        before = browser.run("scrollY"), browser.run(CANVAS)
+        browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-120)
+        browser.run("new Promise(done => setTimeout(done, 300))")
+        return browser.run("scrollY") != before[0], browser.run(CANVAS) != before[1]
+
+    browser.run("document.activeElement.blur()")
+    assert wheel() == (True, False)
+    browser.run("document.querySelector('.turning canvas').focus()")
+    return wheel() == (False, True)
 
 
 @pytest.mark.parametrize(("patch", "edge"), [
@@ -202,7 +270,9 @@ def test_break_is_a_band_along_its_edge_on_the_wall(patch, edge):
 
 def test_view_that_turns_has_breaks_only_where_there_are_any(run_folder, index):
     run = RunFolder(run_folder)
-    legends = [[words for _, words in mesh["legend"]] for mesh in turning_view(run)["meshes"]]
+    view = turning_view(run)
+    legends = [[words for _, words in mesh["legend"]] for mesh in view["meshes"]]
+    assert [one["time"] for one in view["frames"]] == [f"t = {0.05 * number:.2f} s" for number in range(FRAMES)]
     assert legends[-1] == ["break of the retina"]
     whole = RunFolder(run_folder)
     vars(whole)["scene"] = dataclasses.replace(run.scene, breaks=())
@@ -224,25 +294,49 @@ def test_page_works_in_a_browser(index, tmp_path):
         played = """(async () => { const video = document.querySelector("video"); await video.play();
             await new Promise(done => video.addEventListener("timeupdate", done)); return video.duration; })()"""
         assert browser.run(played) > 4.0
-        moved = """(number => { const root = document.querySelector(".scrubber"), slider = root.querySelector("input");
+        moved = """(async number => { const slider = document.querySelector("[data-time]");
             slider.value = number; slider.dispatchEvent(new Event("input"));
-            return [root.querySelector("img").src, root.querySelector("output").textContent]; })"""
+            await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+            return [document.querySelector(".turning canvas").toDataURL(),
+                    document.querySelector(".turning .when").textContent]; })"""
+        assert browser.run("new Promise(done => { const ask = () => document.querySelector('.turning[data-ready]')"
+                           " ? done(true) : setTimeout(ask, 50); ask(); })")
         (first, start), (last, end) = (browser.run(f"{moved}({number})") for number in (0, FRAMES - 1))
         assert first != last and (start, end) == ("t = 0.00 s", "t = 0.20 s")
-        views = [browser.run("document.querySelector('canvas').toDataURL()")]
+        stepped = """(async name => { const video = document.querySelector("video");
+            const button = [...document.querySelectorAll("[data-step]")].find(one => one.textContent.includes(name));
+            const sought = () => new Promise(done => video.addEventListener("seeked", done, {once: true}));
+            video.pause();
+            const middle = sought();
+            video.currentTime = 2.5;
+            await middle;
+            const next = sought();
+            button.click();
+            await next;
+            return video.currentTime - 2.5; })"""
+        assert browser.run(f"{stepped}('before')") < 0.0 < browser.run(f"{stepped}('next')")
+        views = [browser.run(CANVAS)]
         assert "WebGL" not in browser.run("document.querySelector('.hint').textContent")
         for right, down in ((40, 0), (0, 40)):
-            browser.drag("canvas", right, down)
-            views.append(browser.run("document.querySelector('canvas').toDataURL()"))
+            browser.drag(".turning canvas", right, down)
+            views.append(browser.run(CANVAS))
         assert len(set(views)) == 3 and len(views[0]) > 5000
         press = """(name => { const buttons = [...document.querySelectorAll(".turning button")];
             buttons.find(one => one.textContent == name).click();
             return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(
-                document.querySelector("canvas").toDataURL())))); })"""
+                document.querySelector(".turning canvas").toDataURL())))); })"""
         front, behind = (red_pixels(browser.run(f"{press}('from {place}')")) for place in ("the front", "behind"))
         assert front > 100 and behind == 0, "the break is behind, and seen through the opened front alone"
-        browser.run("document.querySelector('.turning label:last-of-type input').click()")
+        browser.run("[...document.querySelectorAll('.turning input[type=checkbox]')].pop().click()")
         assert red_pixels(browser.run(f"{press}('from the front')")) == 0
+        assert curves_tell_values(browser)
+        assert the_wheel_zooms_only_what_was_clicked(browser)
+        light = browser.run(PAPER)
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+        assert (light, browser.run(PAPER)) == ("rgb(255, 255, 255)", "rgb(20, 24, 30)")
+        browser.call("Emulation.setEmulatedMedia", media="print")
+        assert browser.run(PAPER) == light, "paper is white"
+        browser.call("Emulation.setEmulatedMedia", media="", features=[])
         browser.open(index, WIDTHS[-1], phone=True)
         assert turned_by_a_finger(browser)
         assert browser.requests() == [] and browser.errors() == []
@@ -277,11 +371,13 @@ def test_headlines_name_what_covers_the_retina(density, word):
     table = {"time [s]": np.array([0.0, 1.0]), "retina_coverage_whole [%]": np.array([40.0, 50.0])}
     found = headlines_of(scene, shown_metrics(table, [Metric("retina_coverage", "%", "", None)]))
     assert [one.meaning for one in found] == [f"of the retina is under {word}"]
-    table |= {"retina_film_whole [%]": np.array([0.0, 37.6]),
+    resting = LeastEnergy(0.85, "upright", {"whole": 67.744})
+    found = headlines_of(scene, shown_metrics(table, [Metric("retina_coverage", "%", "", None)]), resting)
+    assert [one.at_rest for one in found] == ["68 %"]
+    table |= {"retina_contact_whole [%]": np.array([40.0, 12.4]), "retina_film_whole [%]": np.array([0.0, 37.6]),
               "retina_film_thickness_smallest [um]": np.array([np.nan, 19.0]),
               "retina_film_thickness_largest [um]": np.array([np.nan, 223.0])}
-    meanings = [Metric("retina_coverage", "%", "", None), Metric("retina_film", "%", "", None),
-                Metric("retina_film_thickness", "um", "", None)]
-    found = headlines_of(scene, shown_metrics(table, meanings))
+    meanings = [Metric(name, "%", "", None) for name in ("retina_coverage", "retina_contact", "retina_film")]
+    found = headlines_of(scene, shown_metrics(table, [*meanings, Metric("retina_film_thickness", "um", "", None)]))
     assert [(one.number, one.meaning) for one in found] == [
-        ("50 %", f"of the retina is under {word}: it touches 12 %, 38 % are on a film of aqueous of 19 to 223 µm")]
+        ("50 %", f"of the retina is under {word}: it touches 12.4 %, 37.6 % are on a film of aqueous of 19 to 223 µm")]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from helpers import color_vision, forked
+from helpers.cases import thorough
 from helpers.synthetic_frames import RADIUS, ball, frame_of, lattice, oil_fraction
 from PIL import Image
 
@@ -422,7 +423,7 @@ def test_preflight_takes_the_first_that_works(monkeypatch):
     assert opengl.use_working_opengl() == "EGL" and "DISPLAY" not in opengl.os.environ
 
 
-@pytest.mark.parametrize("display", ["10.255.255.1:0", ":99", "nonsense"])
+@pytest.mark.parametrize("display", ["10.255.255.1:0", thorough(":99"), thorough("nonsense")])
 def test_no_display_is_asked_for(tmp_path, opengl, display):
     """One of an old session, which does not answer, costs no time and no word."""
     code = ("import numpy as np\nfrom pipeline.pictures.opengl import off_screen\n"

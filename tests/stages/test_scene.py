@@ -432,9 +432,9 @@ def test_output_keeps_its_date_while_the_scene_is_the_same(write, tmp_path):
     assert [file.name for file in output.parent.iterdir()] == ["scene.json"]
 
 
-def test_check_writes_nothing(write, capsys):
+def test_check_tells_what_is_done_when_and_writes_no_scene(write, capsys):
     main([str(write("extends: tiny")), "--check"])
-    assert capsys.readouterr() == ("", "")
+    assert capsys.readouterr() == ("case: silicone oil 1000 flows in throughout; supine throughout\n", "")
 
 
 def test_list_and_schema_and_standard_output(write, capsys):

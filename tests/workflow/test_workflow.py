@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Project
 from helpers import forked
+from helpers.cases import thorough
 from helpers.snakemake_output import TRACE, planned
 
 import pipeline
@@ -178,6 +179,23 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
     assert changed(red) == {"render", "index_run", "still", "illustrate", "turntable"}      # by color, or by label
     assert changed(long) == {"advise", "cost", "estimate", "rest"}
     assert {"simulate", "metrics"} <= changed(thick) and "eye" not in changed(thick)
+
+
+@pytest.mark.parametrize(("stage", "key"), [
+    ("reconstruct", "output.kernel"), ("reconstruct", "output.cell_ratio"), ("reconstruct", "eye.side"),
+    ("metrics", "eye.side"), ("metrics", "output.second_means"), ("rest", "eye.lens"), ("render", "eye.side"),
+    ("render", "output.image_size"), ("still", "eye.side"), ("movie", "output.second_means")])
+def test_a_stage_runs_again_when_what_it_reads_changes(stage, key):
+    """The digests key by key, of keys that other stages do not read."""
+    scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
+    part, name = key.split(".")
+    record = getattr(scene, part)
+    other = {"kernel": lambda old: next(one for one in ("isotropic", "anisotropic") if one != old),
+             "cell_ratio": lambda old: 0.9 * old, "side": lambda old: "left", "second_means": lambda old: 60.0,
+             "lens": lambda old: "aphakic", "image_size": lambda old: (old[0] + 2, old[1])}[name](getattr(record, name))
+    assert other != getattr(record, name)
+    changed = dataclasses.replace(scene, **{part: dataclasses.replace(record, **{name: other})})
+    assert digest.stage_digest(stage, changed) != digest.stage_digest(stage, scene)
 
 
 def test_the_side_of_an_eye_counts_for_its_surface_where_landmarks_turn_a_mesh():
@@ -571,7 +589,7 @@ def test_every_segment_starts_where_the_one_before_ends(project):
 
 @pytest.mark.parametrize(("effects", "before"), [
     ("{}", "outputs/longer/draft/frames/segment_000 outputs/longer/draft/frames/segment_001 "),
-    ("{interface_tension: null}", "")])
+    thorough("{interface_tension: null}", "")])
 def test_surfaces_follow_films_from_the_start_where_theory_knows_them(project, effects, before):
     project.write_scene("longer", f"extends: tiny\neffects: {effects}\noutput: {{duration: 0.5 s}}\n")
     code, output = project.snakemake("-n", "-p", "outputs/longer/draft/surfaces/segment_002")

@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 from PIL import Image
 
+from pipeline.cavity.eye_files import eye_files
 from pipeline.cavity.surface import cavity_mesh
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
@@ -60,7 +61,7 @@ class Parameters:
 
 def files(case: Parameters) -> list[str]:
     """Files that the case reads."""
-    return [case.eye.path] if case.eye.path else []
+    return eye_files(case.eye)
 
 
 def run(case: Parameters) -> Outcome:
