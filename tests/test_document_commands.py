@@ -53,4 +53,4 @@ def test_targets_of_the_documents_are_scenes_and_levels_that_there_are():
     found = {match[1] for line in commands() for match in TARGET.finditer(line)}
     assert len(found) > 3 and found <= scenes
     runs = [line.split()[2] for line in commands() if re.match(r"snakemake -j\d+ \w+$", line)]
-    assert runs and set(runs) <= {"all", "explorer", "results", "results_small", *study_names(), *written}
+    assert runs and set(runs) <= {"all", "explorer", "results", "results_small", *study_names(), *scenes}
