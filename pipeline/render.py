@@ -230,7 +230,7 @@ class Renderer:
             for index in self.shown:
                 left = swatch(self.scene.liquids[index].color, pretty(self.scene.liquids[index].name))
         canvas.paste(self.fundus.hatch_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
-        left = words(left + 3.6 * u, "edge, known to half a particle")
+        left = words(left + 3.6 * u, "edge, ± half a particle spacing")
         if knows_films(self.scene):
             canvas.paste(self.fundus.film_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
             draw.rectangle([left, top, left + 3.6 * u, bottom], outline=FAINT_INK)

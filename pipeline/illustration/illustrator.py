@@ -94,8 +94,14 @@ class Illustrator:
         scene, with_names = self.scene, self.style.letters == "names"
         return lettered(pixels, view, self._names(liquids) if with_names else [],
                         legend=[] if with_names else self._legend(liquids), title=scene.title or scene.name,
-                        time=clock(frame.time, scene.output.second_means), label=scene.label,
+                        time=f"{clock(frame.time, scene.output.second_means)}, {self.half}", label=scene.label,
                         posture=posture(frame.gravity), notes=self._notes(liquids))
+
+    @property
+    def half(self) -> str:
+        """Which eye it is, and which half of it stays."""
+        stays = "inferior" if self.toward[1] > 0.5 else "nasal"
+        return f"{'right' if self.right_eye else 'left'} eye, {stays} half"
 
     def _names(self, liquids: Liquids) -> list[Name]:
         anatomy, toward = self.anatomy, self.opening.toward

@@ -241,7 +241,17 @@ def test_a_still_says_what_is_simulated_and_who_has_drawn_it(eye, monkeypatch):
     assert [name.text for name in names][:2] == ["Silicone oil 1000", "Aqueous"] and names[0].more.endswith("floats up")
     assert {"Macula", "Optic disc", "Iris", "Lens", "Cornea"} <= {name.text for name in names}
     assert "Shapes of the liquids: simulated" in words["notes"][0] and "drawn by VTK" in words["notes"][0]
-    assert words["posture"] == "upright" and words["time"] == "t = 1.50 s"
+    assert words["posture"] == "upright" and words["time"] == "t = 1.50 s, right eye, nasal half"
+
+
+@pytest.mark.parametrize("gravity, right_eye, words", [
+    ([0, -9.81, 0], True, "right eye, nasal half"), ([0, 0, -9.81], False, "left eye, nasal half"),
+    ([9.81, 0, 0], False, "left eye, inferior half")])
+def test_which_half_of_which_eye_stays_is_said(gravity, right_eye, words):
+    toward = view_of(np.array(gravity, float), right_eye, np.zeros(3)).toward
+    assert Illustrator.half.fget(types.SimpleNamespace(toward=toward, right_eye=right_eye)) == words
+    nasal = 1.0 if right_eye else -1.0          # the patient's left is +x
+    assert toward[0] * nasal < 0.0 if "nasal" in words else toward[1] > 0.0
 
 
 @pytest.mark.parametrize("size", ["10", "1600", "16x9000", "0x900", "wide x high"])
