@@ -10,12 +10,13 @@ from helpers.synthetic_frames import RADIUS, SPACING, ball, frame_of, lattice, o
 from PIL import Image
 
 import pipeline
-from pipeline import compare, cost, export
+from pipeline import cost, export
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.tables import write_table
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
+from pipeline.comparison import levels
 from pipeline.results.take_over import taken_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes import memory_check
@@ -105,7 +106,7 @@ def exported(run):
 
 READERS = {
     "export": exported,
-    "compare": lambda run: INTERVAL * compare.last_pictures([run, run], range(LEFT))[0],
+    "compare": lambda run: INTERVAL * levels.last_pictures([run, run], range(LEFT))[0],
     "page": lambda run: run.time_of(run.pictures[-1]),
     "library": lambda run: pipeline.open_run(run.folder).frames[-1].time,
     "library, times": lambda run: pipeline.open_run(run.folder).times[-1],
@@ -126,7 +127,7 @@ def test_a_segment_that_a_longer_run_has_left_is_read_by_nobody(folder, reader):
 def test_costs_and_what_stages_took_are_those_of_its_own_segments(folder):
     run = RunFolder(folder)
     assert len(run.costs) == 2 and run.taken["simulate"]["wall"] == 20.0
-    assert compare.cost(run)["time steps"] == 20
+    assert levels.cost(run)["time steps"] == 20
     assert collision.played(run).seconds == pytest.approx((1.0, 0.1))
     assert taken_of(folder)["simulate"]["cpu"] == 20.0
 

@@ -146,10 +146,10 @@ def test_modes_and_oscillation_have_no_slip_and_start_at_rest():
         case = turned_sphere.Parameters(dimension=dimension, motion=motion, womersley=3.0)
         exact = turned_sphere.exact_solution(case)
         time = 0.4 * case.saccade.lasts
-        near = np.array([1.0 - 1e-4, 1.0]) * turned_sphere.RADIUS
+        near = np.array([0.98, 0.99, 1.0]) * turned_sphere.RADIUS       # the stress counts more modes than the speed
         speeds = exact.speed(near, time)
-        assert speeds[1] == pytest.approx(0.0, abs=1e-9 * exact.wall_speed)
-        slope = -speeds[0] / (1e-4 * turned_sphere.RADIUS)
+        assert speeds[2] == pytest.approx(0.0, abs=1e-9 * exact.wall_speed)
+        slope = -(4.0 * speeds[1] - speeds[0]) / (0.02 * turned_sphere.RADIUS)
         viscosity = turned_sphere.DENSITY * case.viscosity
         assert -viscosity * slope == pytest.approx(exact.stress(time), rel=2e-3)
 
