@@ -431,6 +431,7 @@ def test_isolated_particles_are_those_amid_another_liquid():
 
 # All stages
 
+@pytest.mark.thorough
 def test_all_stages_by_command_line(base, tmp_path):
     (tmp_path / "scene.json").write_text(base.to_json())
 

@@ -33,6 +33,7 @@ def test_pressure_does_not_depend_on_where_a_channel_is_cut(filled):
     assert np.abs(elsewhere - here).max() < 1e-3 * np.abs(here).max()
 
 
+@pytest.mark.thorough
 def test_layers_between_a_floor_and_a_ceiling_without_end_rest():
     """Nothing falls along the channel, so that its liquids are as much at rest as in a closed box."""
     gravity, height = 9.81, 16.0 * cavities.SPACING

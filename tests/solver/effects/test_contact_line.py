@@ -117,6 +117,7 @@ def test_the_wall_holds_liquids_by_a_quarter_where_an_interface_with_tension_mee
     assert np.all(friction[at_wall] > 0.2499 * in_full[at_wall])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["central", "laplacian", "strain"])
 def test_the_corner_holds_the_line_in_place_of_the_wall_where_it_is_asked_to(form):
     """Two lines at rest, 90 degrees; the wall lets go of the oil, and the aqueous feels the corner, within 15 %."""

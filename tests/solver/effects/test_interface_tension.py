@@ -86,6 +86,7 @@ def test_flat_interface_at_ninety_degrees_stays_flat():
     assert abs(meniscus(solver, 11.0 * SPACING)) < 0.35
 
 
+@pytest.mark.thorough
 def test_gas_over_water_rests_under_tension():
     """Level, at ninety degrees, in a circle of sixteen spacings; where gas bears the force it flies at 4 sqrt(g H)."""
     radius, gravity = 8.0 * SPACING, 9.81
@@ -141,6 +142,7 @@ def test_single_particle_of_gas_rises_through_water(gas_is_first):
         assert position[number == single, 1] > height
 
 
+@pytest.mark.thorough
 def test_pressure_in_a_bubble_of_gas_is_that_of_laplace():
     """Five spacings in radius in a circle of eleven, at rest without gravity, from rough start."""
     liquids = (Liquid("water", 1000.0, 0.1), Liquid("gas", 1.0, 2e-3))

@@ -57,6 +57,7 @@ def test_film_on_a_plate_slides_off_as_fast_as_lubrication(emptied):
     assert 0.75 * rows[0] * SPACING / quarter == pytest.approx(LUBRICATION, rel=0.3)
 
 
+@pytest.mark.thorough
 def test_film_stays_without_the_model():
     solver = plate(film=False)
     before = rows_left(solver)
@@ -144,6 +145,7 @@ def test_wedge_at_a_contact_line_is_no_film():
     assert exchanges.sum() == film.sum() == 0 and thin.min() >= 2
 
 
+@pytest.mark.thorough
 def test_restarts_and_threads_change_no_bit(circle, elsewhere):
     """In another process, by two threads, with a restart by a solver that knows the state alone."""
     solver = cavities.film(circle, "f64")

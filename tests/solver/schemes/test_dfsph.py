@@ -82,6 +82,7 @@ def test_diagonal_is_that_of_the_matrix(form):
         assert -response == pytest.approx(diagonal[i], rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_density_by_volume_is_that_of_one_liquid():
     """Whatever the masses of the neighbors: no particle at an interface seems crowded or alone."""
     heavy, light = Liquid("heavy", 1000.0, 1e-3), Liquid("light", 100.0, 1e-3)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from helpers.cases import thorough
 from helpers.snakemake_output import TRACE, planned
 
 from pipeline import study_report
@@ -229,7 +230,8 @@ def test_every_study_can_be_laid_out(name, accuracy, monkeypatch):
 
 
 @pytest.mark.usefixtures("nothing_planned")
-@pytest.mark.parametrize(("level", "spacing"), [("quick", "2 mm"), ("between", "0.6 mm"), ("finest", "0.2 mm")])
+@pytest.mark.parametrize(("level", "spacing"), [
+    thorough("quick", "2 mm"), ("between", "0.6 mm"), thorough("finest", "0.2 mm")])
 def test_every_study_can_be_laid_out_at_a_level_that_no_study_knows(project, monkeypatch, level, spacing):
     monkeypatch.chdir(project.folder)
     monkeypatch.setattr(plan, "PROJECT_CONFIG", project.folder / "config")

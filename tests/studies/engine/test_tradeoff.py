@@ -40,7 +40,8 @@ def invented(case) -> Outcome:
     outcome, headline = Outcome(case=case.name), case.family.headline.quantity
     for n in case.parameters.resolutions:
         at, exact = {"at": f"n={n}"}, 2.0
-        outcome.rows += [Row(headline, exact * (1.0 + n**-2.0), "Pa", reference=exact, error=n**-2.0, relative=True, **at),
+        outcome.rows += [Row(headline, exact * (1.0 + n**-2.0), "Pa", reference=exact, error=n**-2.0, relative=True,
+                             **at),
                          Row("particles", float(n * n), **at), Row(WALL_TIME, 1e-3 * n**3, "s", **at),
                          Row(COMPUTING_TIME, 2e-3 * n**3, "s", **at)]
         time = np.linspace(0.0, 1.0, 11)

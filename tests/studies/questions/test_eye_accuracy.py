@@ -48,6 +48,7 @@ def course(taichi, scene):
 
 # The family
 
+@pytest.mark.thorough
 def test_a_run_is_told_beside_the_shape_of_least_energy(course):
     outcome = compared(dataclasses.replace(CASE, seed=1), course)
     rows = {row.quantity: row for row in outcome.rows}
@@ -64,6 +65,7 @@ def test_a_run_is_told_beside_the_shape_of_least_energy(course):
     assert {row.at for row in outcome.rows} == {"2 mm, start 1"}
 
 
+@pytest.mark.thorough
 def test_another_start_is_another_lattice_of_the_same_eye(course):
     first = voxelize(course.scene, cavity_mesh(course.scene.eye)[0])[0]  # as a run of the scene begins
     here, there = (one["fluid_position"] for one in (first, course.initial))
@@ -71,6 +73,7 @@ def test_another_start_is_another_lattice_of_the_same_eye(course):
     assert np.median(cKDTree(here).query(there)[0]) > 0.2e-3
 
 
+@pytest.mark.thorough
 def test_the_run_of_a_scene_is_read_from_its_folder(course, tmp_path):
     """The files of such a run give the same numbers, and the time of the frames after the first of every segment."""
     (tmp_path / "scene.json").write_text(course.scene.to_json())

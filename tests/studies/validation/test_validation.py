@@ -409,6 +409,7 @@ def test_contact_line_is_read_where_the_shape_of_rest_has_it(angle):
     assert contact_line.RADIUS * abs(found - shape.wall_angle) < 0.01 * spacing
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("anew")
 @pytest.mark.parametrize(("angle", "start"), [(18.2, None), (40.0, 18.2)])
 def test_contact_line_moves_at_the_speed_of_theory_at_two_angles(angle, start):
