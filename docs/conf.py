@@ -131,7 +131,7 @@ def lead_links(app, name: str, source: list[str]) -> None:
         path = Path(os.path.normpath(folder / target))
         if path.parent == ROOT and path.name in PAGES:
             return f"[{words}]({os.path.relpath(DOCS / PAGES[path.name], folder)}{anchor})"
-        if path.is_dir():
+        if path.is_dir() or (path.suffix == ".md" and not path.is_relative_to(DOCS)):
             named = f"`{path.relative_to(ROOT)}`"
             return named if words == named.strip("`") else f"{words} ({named})"
         return match[0]

@@ -12,7 +12,7 @@ from pipeline.cavity.voxels import voxelize
 from pipeline.scenes import memory_check
 from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import load_scene
-from sim import profiling as costs
+from sim.backend import accounting
 from sim.memory import bytes_per_particle, needed_bytes
 from sim.solver import Solver
 
@@ -36,10 +36,10 @@ def test_a_solver_allocates_what_is_foretold(anew, case, dimension, monkeypatch)
     names, numerics = CASES[case]
     arrays = cavities.cavity("box", (0.03,) * dimension if dimension == 2 else (0.012,) * 3, dimension)
     gc.collect()
-    before = costs.allocated()
+    before = accounting.allocated()
     solver = cavities.build(arrays, effects=tuple(cavities.parameters(name, **VALUES.get(name, {})) for name in names),
                             filled=(lambda x: x[:, 1] < 0.0) if "scheme" in numerics else None, **numerics)
-    taken = costs.allocated() - before
+    taken = accounting.allocated() - before
     foretold = needed_bytes(solver.settings, solver.count[None], solver.walls.count, solver.distance.size)
     assert foretold == pytest.approx(taken, rel=0.3)
     assert solver.bytes() < 1.3 * foretold

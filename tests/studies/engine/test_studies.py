@@ -20,7 +20,7 @@ from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_accuracy_levels
 from pipeline.studies import plan
 from pipeline.studies.family import Family, Headline, family_names, family_of
-from pipeline.studies.model import COLUMNS, Curve, Outcome, Row, bounded, compared, observed_order
+from pipeline.studies.model import COLUMNS, MADE, Curve, Outcome, Row, bounded, compared, observed_order
 from pipeline.studies.plan import load_study, study_names
 from pipeline.studies.report import outcomes_so_far, summary
 from pipeline.study import run_case
@@ -377,7 +377,7 @@ def test_study_writes_its_table_and_repeats_only_what_changed(project, write):
     folder = project.folder / "outputs" / "studies" / "small" / "draft"
     with (folder / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == (*COLUMNS, *MADE)
     assert {row["holds"] for row in rows} <= {"true", "false", ""}
     assert {row["case"] for row in rows if row["quantity"] == "decay rate of the energy"} == {
         "taylor_green-5 n=8", "taylor_green-10 n=8"}
