@@ -17,7 +17,8 @@ from pipeline.illustration.view import ANGLE, View
 
 CLEAR = ("glass", "oil_face", "aqueous_face", "interface", "lens", "lens_cut", "cornea", "cornea_cut")
 OIL_INDEX, CORNEA_INDEX = 1.404, 1.376
-DEPTH, GUIDE_PATHS = 32, 4
+DEPTH, ROULETTE = 32, 2         # turns of a path: at most, and after which it may end by chance
+GUIDE_PATHS = 4
 BRIGHTNESS = 0.28               # 0.18 over the usual light; the denoiser's own guess depends on the threads
 BLOCK = 32                      # pixels: noise is drawn by blocks, whose size would else depend on the threads
 CLAMP, CLAMP_AT = 6.0, 99.9     # paths brighter than so many times this percentile of the picture are noise
@@ -83,8 +84,8 @@ class Tracer:
         sensor = _sensor(self.mitsuba, view, self.size)
         around = {"sky": _sky(self.mitsuba, view), "table": _table(self.mitsuba, view, table)}
         shapes = self._opaque | self._clear | self._builder.shapes("changing", parts)
-        light = self._render("volpath", {"max_depth": DEPTH}, shapes, around | self._builder.media, sensor,
-                             self.samples)[..., :3]
+        light = self._render("volpath", {"max_depth": DEPTH, "rr_depth": ROULETTE}, shapes, around | self._builder.media,
+                             sensor, self.samples)[..., :3]
         light = np.ascontiguousarray(np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT)), np.float32)
         if self.look.noise > 1:
             return np.asarray(mitsuba_oidn.denoise(light, hdr=True, input_scale=BRIGHTNESS))
