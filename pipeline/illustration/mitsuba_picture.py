@@ -84,8 +84,8 @@ class Tracer:
         sensor = _sensor(self.mitsuba, view, self.size)
         around = {"sky": _sky(self.mitsuba, view), "table": _table(self.mitsuba, view, table)}
         shapes = self._opaque | self._clear | self._builder.shapes("changing", parts)
-        light = self._render("volpath", {"max_depth": DEPTH, "rr_depth": ROULETTE}, shapes, around | self._builder.media,
-                             sensor, self.samples)[..., :3]
+        paths = {"max_depth": DEPTH, "rr_depth": ROULETTE}
+        light = self._render("volpath", paths, shapes, around | self._builder.media, sensor, self.samples)[..., :3]
         light = np.ascontiguousarray(np.minimum(light, CLAMP * np.percentile(light, CLAMP_AT)), np.float32)
         if self.look.noise > 1:
             return np.asarray(mitsuba_oidn.denoise(light, hdr=True, input_scale=BRIGHTNESS))
