@@ -286,3 +286,5 @@ def test_droplets_are_drawn_over_the_liquid_on_their_scale():
     assert middle(1e-3) == middle(0.5) == DROPLET_COLORS[-1].tolist()
     assert middle(10 ** (-8 + 5 * 100 / 255)) == DROPLET_COLORS[100].tolist()
     assert middle(1e-7) == DROPLET_COLORS[51].tolist() != middle(10**-7.5)
+    fields = dataclasses.replace(fields, fraction=np.ones_like(distance))
+    assert middle(0.5) == middle() == OF_OIL.colors[-1].tolist()       # in oil there are no droplets of oil
