@@ -156,9 +156,9 @@ The largest error of a case, over what is allowed: below 1 all lines hold.
 {table(("entry", "case", "line", "value", "reference", "error / allowed", "unit"), off)}
 
 In this project the film on a plate is one particle thick. Wall and oil hold it a third as much as a film of that
-thickness, so that it drains [too fast](methods/wall_film.md#what-differs-and-why); and it slides as a whole, where a real
-film thins and its last third stays for long. The film that a front leaves is a fraction of a particle, which particles
-cannot show.
+thickness, so that it drains [too fast](methods/wall_film.md#what-differs-and-why); and it slides as a whole, where a
+real film thins and its last third stays for long. The film that a front leaves is a fraction of a particle, which
+particles cannot show.
 
 ## What it took
 

@@ -81,6 +81,7 @@ class VolumeIncompressible(Scheme):
     def meet(self, effects) -> None:
         self.volume_rate = self.solver.particles.arrays.get("volume_rate")  # only where an effect declares it
         self.volumes_change = self.volume_rate is not None
+        self.jump = self._capillary_jump(effects) if self.volumes_change else 0.0
         self.viscous = next((effect for effect in effects if effect.overrides("viscous_mass")), None)
         if self.viscous:
             self.viscous.coupling = ViscousCoupling(self.solver, self.operators, self.viscous)
@@ -163,7 +164,7 @@ class VolumeIncompressible(Scheme):
         """
         self._soften(dt)
         density = 1.0 if self.operators.shared_by_density else self.least_density
-        self._set_gauge(self._largest_weight(), gauge_limit * density * (self.spacing / dt) ** 2)
+        self._set_gauge(max(self._largest_weight(), self.jump), gauge_limit * density * (self.spacing / dt) ** 2)
         self.operators.accelerate_freely(self.pressure, self.velocity, dt)
 
     @ti.kernel
@@ -283,6 +284,11 @@ class VolumeIncompressible(Scheme):
         solver = self.solver
         excess = max(abs(liquid.density - solver.reference_density) for liquid in solver.liquids)
         return excess * float(np.linalg.norm(solver.gravity())) * self.walls.extent
+
+    def _capillary_jump(self, effects) -> float:
+        """Pressure across an interface as curved as the largest ball in the cavity, sigma/r, Pa."""
+        tension = max((effect.tension_of(effect.parameters) for effect in effects), default=0.0)
+        return tension / -float(self.solver.distance.values_numpy.min())
 
     @ti.kernel
     def _set_correction_right_side(self):

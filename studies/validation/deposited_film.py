@@ -65,7 +65,7 @@ def run(case: Parameters) -> Outcome:
     outcome = Outcome()
     name = f"{case.dimension}D front {case.front}" + ("" if case.film == "slides" else ", film left alone")
     for resolution in case.resolutions:
-        result = _drive(case, resolution)
+        result = drive(case, resolution)
         outcome.remarks += result.remarks(f"{name}, Ca {case.capillary_number:g}")
         outcome.rows += _rows(case, result)
         left = float(result.values("left")[-1])
@@ -124,7 +124,8 @@ def tube(case: Parameters, spacing: float) -> dict[str, np.ndarray]:
     return packed(arrays, "packed", case.support_ratio, case.seed)
 
 
-def _drive(case: Parameters, resolution: int) -> Run:
+def drive(case: Parameters, resolution: int) -> Run:
+    """Drive the front along the tube, with so many particles along its radius."""
     spacing, radius, speed = case.radius / resolution, case.radius, speed_of_front(case)
     arrays, half = tube(case, spacing), 0.5 * LENGTH * radius
     section = 2.0 * radius if case.dimension == 2 else np.pi * radius**2
