@@ -1,7 +1,6 @@
 """What effects and schemes say of a scene before it is run: sentences, numbers, limits of the time step.
 
-The hooks of :class:`sim.effects.effect.Effect` that say something get the `scales` of a scene: its numbers, as
-``pipeline.advice.dimensionless_numbers.Scales`` has them.
+The hooks of :class:`sim.effects.effect.Effect` that say something get its :class:`sim.scales.Scales`.
 """
 import dataclasses
 import math

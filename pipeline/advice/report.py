@@ -4,13 +4,14 @@ import json
 import math
 from pathlib import Path
 
-from pipeline.advice.dimensionless_numbers import Scales, dimensionless_numbers, time_scales
+from pipeline.advice.dimensionless_numbers import dimensionless_numbers, scales_of, time_scales
 from pipeline.advice.rules import advice
 from pipeline.advice.time_step_limits import deciding_limit, step_count, time_step_limits
 from pipeline.base import page
 from pipeline.scenes.model import Scene
 from pipeline.scenes.timeline import timeline_in_words
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, shown
+from sim.scales import Scales
 
 HEADINGS = {WARNING: "Warnings", SEEN_EFFECT: "What matters", NOTE: "Notes"}
 DISCLAIMER = ("Estimates of an order of magnitude: one length L and one speed U stand for the whole scene, and U is "
@@ -48,20 +49,20 @@ class Report:
 
 def report_of(scene: Scene, cavity_volume: float) -> Report:
     """Return what is said about a scene with a cavity of that volume in m^3 (in two dimensions m^2)."""
-    scales = Scales(scene, cavity_volume)
+    scales = scales_of(scene, cavity_volume)
     limits = time_step_limits(scales)
     decides = deciding_limit(limits).value
     return Report(
         scene=scene.name, title=scene.title or scene.name, accuracy=scene.accuracy,
         timeline=timeline_in_words(scene, lambda _: cavity_volume), size=_sizes(scales),
         speeds=_speeds(scales), numbers=tuple(dimensionless_numbers(scales)), times=tuple(time_scales(scales)),
-        time_step_limits=tuple(limits), time_step=decides, steps=step_count(scales, decides),
-        advice=tuple(advice(scales, limits)))
+        time_step_limits=tuple(limits), time_step=decides, steps=step_count(scene, decides),
+        advice=tuple(advice(scene, scales, limits)))
 
 
 def _sizes(scales: Scales) -> tuple[Quantity, ...]:
-    dimension = scales.scene.dimension
-    what = "the scarcest liquid" if scales.scene.blocks else "the cavity"
+    dimension = scales.settings.dimension
+    what = "the scarcest liquid" if scales.start.blocks else "the cavity"
     ball = "disc" if dimension == 2 else "ball"
     filled = scales.filled_volume
     volume = f"{1e6 * filled:.3g} mL" if dimension == 3 and filled < 1e-3 else f"{filled:.3g} m{dimension}"

@@ -102,8 +102,8 @@ class Cohesion(Effect):
 
     @classmethod
     def wave_speeds(cls, parameters, scales):
-        support = scales.scene.numerics.support_ratio * scales.spacing
-        gamma = max(parameters.coefficients(scales.scene.settings()))
+        support = scales.settings.numerics.support_ratio * scales.spacing
+        gamma = max(parameters.coefficients(scales.settings))
         yield math.sqrt(0.06 * gamma * scales.density * support)
 
     def expected_speeds(self):

@@ -194,7 +194,7 @@ class ContactLineEmulsification(Mixing):
                                             f"{shown(duration, 's')}, with an efficiency of {effect.efficiency:g} and "
                                             f"{effect.saccade_rate:g} saccades per second")
             return
-        liquids = {liquid.name: liquid for liquid in scales.scene.liquids}
+        liquids = {liquid.name: liquid for liquid in scales.settings.liquids}
         oil, aqueous = liquids[effect.oil], liquids[effect.aqueous]
         shear = shear_per_distance(effect.saccade_amplitude, aqueous) * scales.length
         loss = volume_per_shear(effect, oil, aqueous) * shear * 2.0 * math.pi * scales.length
@@ -215,7 +215,7 @@ class ContactLineEmulsification(Mixing):
             if not math.isclose(factor, parameters.time_lapse, rel_tol=0.01):
                 yield Advice(WARNING, cls.name, f"one second shows {parameters.time_lapse:.3g} s of its droplets, but "
                                                 f"{factor:.3g} s of their rise (effects.{name}.coefficient)")
-        if scales.scene.numerics.precision != "f64":
+        if scales.settings.numerics.precision != "f64":
             yield Advice(WARNING, cls.name, "a share of droplets of some 1e-6 is lost in numbers of seven digits: use "
                                             "numerics.precision f64")
 

@@ -57,7 +57,7 @@ class Curvature(Effect):
 
     @classmethod
     def wave_speeds(cls, parameters, scales):
-        yield math.sqrt(parameters.gamma * (scales.scene.numerics.support_ratio * scales.spacing))
+        yield math.sqrt(parameters.gamma * (scales.settings.numerics.support_ratio * scales.spacing))
 
     def expected_speeds(self):
         yield math.sqrt(self.gamma * self.support)

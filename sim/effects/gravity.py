@@ -181,9 +181,9 @@ def _falling_speed(directions, scales, gravity: float) -> float:
     """Speed of the fall from the top of the liquid to the wall below, with any direction of gravity, m/s."""
     heights = []
     for direction in directions:
-        up = -np.array(direction[: scales.scene.dimension])
-        box = np.outer([0.0, 1.0], scales.scene.container.size)
-        tops = [np.maximum(up * block.lower, up * block.upper).sum() for block in scales.scene.blocks]
+        up = -np.array(direction[: scales.settings.dimension])
+        box = np.outer([0.0, 1.0], scales.start.box)
+        tops = [np.maximum(up * block.lower, up * block.upper).sum() for block in scales.start.blocks]
         heights.append(max(tops) - np.minimum(up * box[0], up * box[1]).sum())
     return math.sqrt(2.0 * gravity * max(heights))
 
@@ -253,7 +253,7 @@ class Gravity(Effect):
 
     @classmethod
     def advice(cls, parameters, scales, limits):
-        gravity, closed = scales.gravity or EARTH_GRAVITY, scales.scene.closed
+        gravity, closed = scales.gravity or EARTH_GRAVITY, scales.settings.closed
         if parameters and parameters.magnitude == 0.0 and not parameters.jolts:
             yield Advice(WARNING, cls.name, "does nothing: its magnitude is 0 m/s2, not above 0")
         acceleration = scales.buoyancy(gravity)
@@ -313,7 +313,7 @@ class Gravity(Effect):
 
     @classmethod
     def speeds(cls, parameters, scales):
-        gravity, closed = parameters.magnitude, scales.scene.closed
+        gravity, closed = parameters.magnitude, scales.settings.closed
         if gravity and not closed:
             yield Quantity("fall", _falling_speed(parameters.course.directions, scales, gravity), "m/s",
                            "sqrt(2 g H), fall from the top of the liquid to the wall below")
@@ -323,7 +323,7 @@ class Gravity(Effect):
                            "liquid")
         jolted = []
         for jolt in parameters.jolts:
-            peak = float(np.linalg.norm(jolt.acceleration[: scales.scene.dimension]))
+            peak = float(np.linalg.norm(jolt.acceleration[: scales.settings.dimension]))
             impulse = scales.buoyancy(peak) * jolt.duration * 2.0 / math.pi
             jolted.append(min(impulse, scales.buoyant_speed(peak)) if closed else impulse)
         if jolted:
@@ -348,7 +348,7 @@ class Gravity(Effect):
 
     @classmethod
     def time_scales(cls, parameters, scales):
-        gravity, closed, length = parameters.magnitude, scales.scene.closed, scales.length
+        gravity, closed, length = parameters.magnitude, scales.settings.closed, scales.length
         viscosity = scales.stiffest.dynamic_viscosity
         if scales.buoyancy(gravity) > 0.0:
             yield Quantity("buoyancy" if closed else "gravity", math.sqrt(length / scales.buoyancy(gravity)), "s",
@@ -363,7 +363,7 @@ class Gravity(Effect):
 
     @classmethod
     def wave_speeds(cls, parameters, scales):
-        if scales.scene.closed:  # the fall through the cavity, whatever viscosity makes of it, and jolts in full
+        if scales.settings.closed:  # the fall through the cavity, whatever viscosity makes of it, and jolts in full
             yield math.sqrt(2.0 * scales.buoyancy(parameters.magnitude) * scales.width)
             for jolt in parameters.jolts:
                 yield 2.0 / math.pi * math.hypot(*jolt.acceleration) * jolt.duration

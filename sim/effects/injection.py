@@ -237,8 +237,8 @@ class Injection(Effect):
     @classmethod
     def _volume_to_inject(cls, parameters, scales) -> float:
         """Volume, m^3; what a scene starts from is taken as empty of that liquid."""
-        present = (scales.scene.initial.fill or {}).get(parameters.liquid, 0.0)
-        for block in scales.scene.blocks:
+        present = scales.start.fill.get(parameters.liquid, 0.0)
+        for block in scales.start.blocks:
             if block.liquid == parameters.liquid:
                 present += block.volume / scales.cavity_volume
         return max(parameters.fill - present, 0.0) * scales.cavity_volume
@@ -250,7 +250,7 @@ class Injection(Effect):
         end = parameters.time_of(cls._volume_to_inject(parameters, scales))
         if end > scales.duration:
             but = f", but the scene ends at {shown(scales.duration, 's')}"
-            if scales.scene.start_from is None:
+            if not scales.settings.continued:
                 yield Advice(WARNING, cls.name, f"does not reach its fill: it would end at {shown(end, 's')}{but}")
             else:
                 yield Advice(NOTE, cls.name, f"may not reach its fill: it would end at {shown(end, 's')} if the scene "
@@ -261,9 +261,9 @@ class Injection(Effect):
 
     @classmethod
     def speeds(cls, parameters, scales):
-        dimension = scales.scene.dimension
+        dimension = scales.settings.dimension
         rest_volume = scales.spacing**dimension
-        step = min(scales.scene.numerics.maximum_time_step, parameters.longest_step(rest_volume, dimension))
+        step = min(scales.settings.numerics.maximum_time_step, parameters.longest_step(rest_volume, dimension))
         volume = parameters.region_volume(rest_volume, dimension, step)
         yield Quantity("jet", parameters.flow * scales.radius(volume) / (dimension * volume), "m/s",
                        "flow through the surface of the droplet in which the liquid enters")

@@ -227,9 +227,9 @@ class InterfaceTension(Effect):
     @classmethod
     def _advice_on_short_steps(cls, parameters, scales, limits):
         """Tell of steps that viscosity allows and the numerics do not."""
-        numerics = scales.scene.numerics
+        numerics = scales.settings.numerics
         size = scales.length * (4.0 * math.pi / 3.0) ** (1.0 / 3.0)
-        allowed = min(cls._limit(parameters, scales.scene.settings(), MOTION_SHARE * size),
+        allowed = min(cls._limit(parameters, scales.settings, MOTION_SHARE * size),
                       *(limit.value for limit in limits if limit.source != "numerics.maximum_time_step"))
         if numerics.time_step is None and allowed > SHORT_STEPS * numerics.maximum_time_step:
             yield Advice(NOTE, cls.name, f"allows steps of {shown(allowed, 's')}, and so does all else but "
@@ -263,9 +263,9 @@ class InterfaceTension(Effect):
 
     @classmethod
     def _advice_on_its_lack(cls, scales):
-        if scales.does(MIXES) or len(scales.scene.liquids) != 2:
+        if scales.does(MIXES) or len(scales.settings.liquids) != 2:
             return  # mixing liquids have no tension, and the effect knows one interface
-        if len(scales.liquids) != 2 or not scales.scene.closed or scales.pulled:
+        if len(scales.liquids) != 2 or not scales.settings.closed or scales.pulled:
             return
         bond, size = scales.bond_number(scales.gravity, TYPICAL_TENSION), scales.density * scales.length**2
         reach = scales.reach(TYPICAL_TENSION / size, scales.capillary_speed(TYPICAL_TENSION))

@@ -118,7 +118,7 @@ class ViscosityImplicit(Effect):
                 yield Advice(WARNING, cls.name, "explicit viscosity would be cheaper: it needs no solve and "
                                                 f"{steps:.2g} steps for one that everything else allows, so up to 1 it "
                                                 "costs no further step")
-        elif steps > IMPLICIT_STEP_COST and Viscosity.name in scales.scene.effects and is_felt(scales):
+        elif steps > IMPLICIT_STEP_COST and scales.has(Viscosity.name) and is_felt(scales):
             yield Advice(WARNING, Viscosity.name,
                          f"{cls.name} would be cheaper: explicit viscosity takes {steps:.3g} steps for one that "
                          f"everything else allows (cheaper up to {IMPLICIT_STEP_COST:g})")

@@ -86,7 +86,7 @@ class Xsph(Effect):
             yield from acting(cls.name, scales)
         elif parameters.coefficient:
             step = smallest(limits)
-            nu = kinematic_viscosity(parameters.coefficient, step, scales.scene.numerics, scales.scene.dimension)
+            nu = kinematic_viscosity(parameters.coefficient, step, scales.settings.numerics, scales.settings.dimension)
             yield Advice(NOTE, cls.name, f"its coefficient of {parameters.coefficient:g} is a kinematic viscosity of "
                                          f"{shown(nu, 'm2/s')} in steps of {shown(step, 's')}, more in shorter ones")
 

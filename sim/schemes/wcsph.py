@@ -114,12 +114,11 @@ class WCSPH(Scheme):
     @classmethod
     def expected_time_step_limit(cls, scales) -> Limit | None:
         """Acoustic limit with the speed of sound as it is chosen: over the largest expected speed, an estimate."""
-        scene = scales.scene
-        parameters = scene.schemes.get(cls.name) or cls.Parameters()
+        parameters = scales.settings.scheme or cls.Parameters()
         if parameters.sound_speed is not None:
             return None
         sound = max((scales.speed, *scales.wave_speeds)) / MACH
-        length = 0.5 * (scene.numerics.support_ratio * scales.spacing)
+        length = 0.5 * (scales.settings.numerics.support_ratio * scales.spacing)
         limit = parameters.acoustic_courant_number * length / (sound + scales.speed) if sound else math.inf
         return Limit(f"the scheme {cls.name}", limit,
                      f"{ESTIMATE}sound at {sound:.3g} m/s, ten times the largest expected speed")

@@ -32,7 +32,7 @@ def test_digests_are_the_same_with_what_was_kept_and_without(kept, damage, monke
 
 # Modules that use the effects of scenes otherwise than by running code that their results depend on.
 WITHOUT_CODE_OF_EFFECTS = {
-    **dict.fromkeys(("advice.dimensionless_numbers", "advice.rules"), "advice counts all effects, see ADVICE"),
+    "advice.rules": "advice counts all effects, see ADVICE",
     **dict.fromkeys(("scenes.checks", "scenes.container_checks", "cavity.voxels"), "only speak: what is wrong"),
     **dict.fromkeys(("scenes.description", "scenes.load", "scenes.model", "scenes.schema"), "a scene is its values"),
     "metrics": "asks measures.metric, which counts them",

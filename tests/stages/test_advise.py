@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 from helpers import forked
 
-from pipeline.advice.dimensionless_numbers import Scales
+from pipeline.advice.dimensionless_numbers import scales_of
 from pipeline.advice.report import html_of, json_of, report_of, text_of
 from pipeline.advice.rules import NOTE, SEEN_EFFECT, WARNING
 from pipeline.advise import main
@@ -117,7 +117,7 @@ def test_time_scales_of_silicone_oil_in_the_eye():
 
 
 def test_speed_without_viscosity_is_that_of_a_fall_or_of_rounding(scene):
-    still = Scales(scene("effects: {gravity: {}, interface_tension: {coefficient: 40 mN/m}}"), 1e-3)
+    still = scales_of(scene("effects: {gravity: {}, interface_tension: {coefficient: 40 mN/m}}"), 1e-3)
     length = (0.75 * 5e-4 / math.pi) ** (1 / 3)  # each liquid has half of the liter
     assert still.length == pytest.approx(length)
     assert still.buoyant_speed(9.81) == pytest.approx(math.sqrt(2 * 9.81 * 35 / 1005 * length))
@@ -125,14 +125,14 @@ def test_speed_without_viscosity_is_that_of_a_fall_or_of_rounding(scene):
 
 
 def test_jet_turn_and_jolt_of_the_eye():
-    tamponade = Scales(shipped("tamponade"), REFERENCE_VOLUME)
+    tamponade = scales_of(shipped("tamponade"), REFERENCE_VOLUME)
     # 12 steps with 2 mL/s bring a droplet of 1.5 times the radius of 1.5 mm that was asked for.
     assert values(tamponade.speeds)["jet"] == pytest.approx(2e-6 / (4 * math.pi * 2.25e-3**2), rel=1e-6)
     assert values(tamponade.wall_speeds)["turn"] == pytest.approx(1.875 * 0.5 * math.pi / 0.5 * RADIUS)
     (gravity, parameters), = (one for one in tamponade.effects if one[0].name == "gravity")
     left_out = gravity.omitted_acceleration(parameters, tamponade)
     assert left_out == pytest.approx(5.7735 * 0.5 * math.pi / 0.5**2 * RADIUS, rel=1e-4)
-    jolted = values(Scales(shipped("jolted_eye"), REFERENCE_VOLUME).speeds)
+    jolted = values(scales_of(shipped("jolted_eye"), REFERENCE_VOLUME).speeds)
     assert jolted["jolt"] == pytest.approx(49 * 35 / 1005 * 0.05 * 2 / math.pi)
 
 

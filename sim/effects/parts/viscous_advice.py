@@ -20,7 +20,7 @@ def _thickest(scales) -> tuple[str, float]:
 
 def nothing_moves(scales) -> bool:
     """Whether nothing sets the liquids in motion."""
-    return scales.speed == 0.0 and scales.scene.start_from is None
+    return scales.speed == 0.0 and not scales.settings.continued
 
 
 def is_felt(scales) -> bool:
@@ -71,7 +71,7 @@ def missing(name: str, scales) -> Sentences:
 
 def explicit_steps(explicit: str, scales, limits: Sequence[Limit]) -> float:
     """How many steps the explicit effect of that name needs for one that all else allows; at most 1: it limits none."""
-    return smallest(limits, f"effects.{explicit}") / explicit_limit(scales.scene.settings())
+    return smallest(limits, f"effects.{explicit}") / explicit_limit(scales.settings)
 
 
 def viscous_times(scales) -> Iterator[Quantity]:
