@@ -3,8 +3,8 @@
 The level is that of `--config accuracy=...`, or of the path: `snakemake -j2 outputs/studies/<study>/<level>/table.html`.
 """
 
-from pipeline.workflow.results import Results
 from pipeline.workflow.studies import Studies
+from studies.results.workflow import Results
 
 studies = Studies(flow)
 results = Results(studies)

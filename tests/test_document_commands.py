@@ -14,7 +14,7 @@ DOCUMENTS = [path for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *
              if path.name != "CHANGELOG.md" and "_build" not in path.parts]
 TEXT = {path.relative_to(ROOT): path.read_text(encoding="utf-8") for path in DOCUMENTS}
 CODE = re.compile(r"^```\w*\n(.*?)^```$|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
-MODULE = re.compile(r"python -m (pipeline(?:\.\w+)+)(.*)")
+MODULE = re.compile(r"python -m ((?:pipeline|studies)(?:\.\w+)+)(.*)")
 TARGET = re.compile(r"outputs/([\w-]+)/(\w+)/")
 
 

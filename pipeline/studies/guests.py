@@ -3,7 +3,7 @@
 Those of this project are in the package `studies`. Whoever works in a folder puts his own beside his studies, as
 `config/studies/<name>.py`, which is the module `config.studies.<name>`. A file is called by its bare name wherever it
 lies; one whose name ends in `_page` writes a page, every other one holds a family. What they share is in folders named
-`kit` and in files whose names begin with `_`.
+`kit` and in files whose names begin with `_`; `studies/results` makes the published tables of their numbers.
 """
 import importlib
 import sys
@@ -16,7 +16,7 @@ from pipeline.base.project import PACKAGE
 
 STUDIES = Path("config/studies")  # of the folder that somebody works in
 GUESTS = PACKAGE.parent / "studies"  # of this project
-SHARED = "kit"
+NO_GUESTS = {"kit", "results"}  # folders with what guests share, and with what is made of their numbers
 PAGE = "_page"
 
 
@@ -64,7 +64,7 @@ def _modules() -> dict[str, str]:
     found: dict[str, Path] = {}
     for folder, paths in ((GUESTS.parent, GUESTS.rglob("*.py")), (Path(), STUDIES.glob("*.py"))):
         for path in sorted(path.relative_to(folder) for path in paths):
-            if path.stem.startswith("_") or SHARED in path.parts:
+            if path.stem.startswith("_") or NO_GUESTS & {*path.parts}:
                 continue
             if path.stem in found:
                 raise UserError(f"{path}: has the name of {found[path.stem]}, but families and pages are called by "

@@ -10,27 +10,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import benchmark_entry
 from pipeline.base.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "benchmarks" / "tamponade-10"
 
 
-def loaded(name: str):
-    """A script of the benchmark, as a module."""
-    sys.path.insert(0, str(FOLDER))
+def loaded(name: str, folder: Path = FOLDER):
+    """A script of the benchmarks, as a module."""
+    sys.path.insert(0, str(folder))
     try:
-        specification = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+        specification = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
         module = importlib.util.module_from_spec(specification)
         sys.modules[name] = module
         specification.loader.exec_module(module)
         return module
     finally:
-        sys.path.remove(str(FOLDER))
+        sys.path.remove(str(folder))
 
 
 score, references = loaded("score"), loaded("references")
+own = loaded("entry", ROOT / "benchmarks")
 TABLES = score.read_references()
 
 
@@ -166,14 +166,14 @@ def test_the_entries_that_are_there_are_read_without_fault_and_said_to_be_whose(
 
 
 def test_this_project_names_every_line_of_the_benchmark_as_the_benchmark_does():
-    for case, lines in benchmark_entry.LINES.items():
+    for case, lines in own.LINES.items():
         asked = {(one.quantity, one.unit): one.time for one in TABLES[case]}
         assert {(line.quantity, line.unit) for line in lines} == set(asked)
         for line in lines:
             assert any(line.quantity == one.quantity and score._same(one.time, line.time) for one in TABLES[case])
-    filled = {(name, time, unit) for name, unit, _, time, _ in benchmark_entry.FILLED}
-    assert filled == {(one.quantity, one.time, one.unit) for one in TABLES[benchmark_entry.FILLING]}
-    assert {*benchmark_entry.LINES, benchmark_entry.FILLING} == set(TABLES)
+    filled = {(name, time, unit) for name, unit, _, time, _ in own.FILLED}
+    assert filled == {(one.quantity, one.time, one.unit) for one in TABLES[own.FILLING]}
+    assert {*own.LINES, own.FILLING} == set(TABLES)
 
 
 def test_an_entry_is_made_of_the_table_of_a_study(tmp_path):
@@ -185,7 +185,7 @@ def test_an_entry_is_made_of_the_table_of_a_study(tmp_path):
         'spin_down n=16,"computing time without compilation, all cores",2.5,s,,,,,3\n'
         "deposited_film-0.0001 R/dx=8,mean thickness of the film left behind / spacing,0.1,1,,,,,9\n"
         "deposited_film-0.001 R/dx=8,mean thickness of the film left behind / spacing,0.2,1,,,,,9\n")
-    lines, missing = benchmark_entry.entry(benchmark_entry.read_study(table), tmp_path, {})
+    lines, missing = own.entry(own.read_study(table), tmp_path, {})
     assert lines == [("deposited_film", "thickness_Ca_0.0001", "", "62.5", "um"),
                      ("deposited_film", "thickness_Ca_0.001", "", "125", "um"),
                      ("deposited_film", "wall_time", "", "18", "s"), ("spin_down", "decay_rate", "", "1.55", "1/s"),
@@ -197,12 +197,12 @@ def test_nothing_to_enter_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["", "--output", "mine.csv"])
     with pytest.raises(UserError, match="nothing to enter at draft"):
-        benchmark_entry.main()
+        own.main()
 
 
 def test_what_is_published_at_a_level_is_entered(tmp_path):
-    published = benchmark_entry.read_published(ROOT / "docs" / "results", "standard")
-    lines, _ = benchmark_entry.filled(tmp_path, published)
+    published = own.read_published(ROOT / "docs" / "results", "standard")
+    lines, _ = own.filled(tmp_path, published)
     assert {line[1] for line in lines} >= {"fill", "covered_retina"}
-    arc = benchmark_entry.LINES["sphere_at_rest"][0]
-    assert benchmark_entry.value_of(arc, {}, published) == pytest.approx(184.0, abs=5.0)
+    arc = own.LINES["sphere_at_rest"][0]
+    assert own.value_of(arc, {}, published) == pytest.approx(184.0, abs=5.0)

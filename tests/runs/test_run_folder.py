@@ -17,7 +17,6 @@ from pipeline.base.tables import write_table
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
 from pipeline.comparison import levels
-from pipeline.results.take_over import taken_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes import memory_check
 from pipeline.scenes.load import load_resolved, load_scene
@@ -26,6 +25,7 @@ from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.surface_files import surface_path, write_surface
 from studies.papers import collision, coupling, effects_off, ink_drop, oil_shape
 from studies.questions.eye_accuracy import eye_accuracy
+from studies.results.take_over import taken_of
 
 OIL, INTERVAL, PER_SEGMENT = "silicone_oil_1000", 0.5, 2
 KEPT, LEFT = 5, 7   # frames of two segments, and of the three of the longer run

@@ -72,13 +72,15 @@ class Profile:
 
     def is_oil(self, position: np.ndarray) -> np.ndarray:
         """Whether points lie in the oil, (n, dimension) -> (n,); the oil's pole is towards positive y."""
+        from matplotlib.path import Path  # slow to import, and few cases ask
+
         r = np.linalg.norm(np.delete(position, 1, axis=1), axis=1)
         # Closed curve around the oil: the interface, then the wall up to the oil's pole and beyond.
         beta = np.linspace(self.wall_angle, np.pi, 200)
         far = 2.0 * self.radius
         r_curve = np.concatenate([self.r, far * np.sin(beta), [0.0]])
         z_curve = np.concatenate([self.z, -far * np.cos(beta), [far]])
-        return _inside(r, position[:, 1], r_curve, z_curve)
+        return Path(np.column_stack([r_curve, z_curve])).contains_points(np.column_stack([r, position[:, 1]]))
 
 
 def covered_share(arc: float, dimension: int) -> float:
@@ -93,15 +95,6 @@ def covered_share(arc: float, dimension: int) -> float:
 def covered_arc(share: float, dimension: int) -> float:
     """Return the arc, deg, around the pole that holds a share of the wall."""
     return 360.0 * share if dimension == 2 else 2.0 * np.degrees(np.arccos(np.clip(1.0 - 2.0 * share, -1.0, 1.0)))
-
-
-def _inside(x, y, x_curve, y_curve) -> np.ndarray:
-    """Whether points lie in a closed polygon: odd number of crossings of a ray to the right."""
-    inside = np.zeros(len(x), bool)
-    for x_0, y_0, x_1, y_1 in zip(x_curve, y_curve, np.roll(x_curve, -1), np.roll(y_curve, -1), strict=True):
-        spans = (y_0 > y) != (y_1 > y)
-        inside[spans] ^= x[spans] < x_0 + (y[spans] - y_0) * (x_1 - x_0) / (y_1 - y_0)
-    return inside
 
 
 def interface(curvature, capillary_constant: float, dimension: int, length, steps: int = STEPS):

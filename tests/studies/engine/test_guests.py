@@ -11,6 +11,7 @@ from helpers.snakemake_output import planned
 from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.studies.family import family_names, family_of
+from pipeline.studies.guests import family_modules, page_modules
 from pipeline.studies.plan import load_study
 
 FALL = '''
@@ -58,6 +59,12 @@ def studies(project, monkeypatch):
         (folder / name).write_text(text)
     monkeypatch.chdir(project.folder)
     return folder
+
+
+def test_what_makes_the_published_tables_is_no_family():
+    modules = [*family_modules().values(), *page_modules().values()]
+    assert "studies.validation.laplace" in modules
+    assert not [one for one in modules if one.startswith("studies.results")]
 
 
 def test_a_family_and_a_page_beside_the_studies_are_run(studies, project):

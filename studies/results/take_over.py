@@ -22,10 +22,10 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.origin import commit_before, machine, release
 from pipeline.base.tables import read_table
-from pipeline.results.tables import Layout, Page, Row
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.units import parse_quantity
 from pipeline.studies.model import COLUMNS, MADE, RELATIVE
+from studies.results.tables import Layout, Page, Row
 
 STUDIES = "studies"
 SO_FAR = "so_far"  # folder with the table of a study that has not been run in full

@@ -30,7 +30,7 @@ class Row:
     level : of config/accuracy.yaml.
     machine, code, command : where, with which version of the solver and by what it was measured.
     note : a caveat, a footnote of the page.
-    source : what :mod:`pipeline.results.take_over` reads the number from; empty: a row of the same case and quantity.
+    source : what :mod:`studies.results.take_over` reads the number from; empty: a row of the same case and quantity.
     """
 
     table: str

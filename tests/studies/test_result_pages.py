@@ -9,13 +9,13 @@ import pytest
 from helpers import forked
 
 from pipeline.base.errors import UserError
-from pipeline.result_pages import BEGIN, END, main
-from pipeline.results.tables import read_layout, read_rows, write_rows
 from pipeline.scenes.load import load_scene
 from pipeline.studies.model import COLUMNS as STUDY_COLUMNS
 from pipeline.studies.model import MADE
 from studies.questions.moved_oil import moved_oil_page
 from studies.questions.shed_droplets import shed_droplets_page
+from studies.results.__main__ import BEGIN, END, main
+from studies.results.tables import read_layout, read_rows, write_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,7 +31,7 @@ def project(tmp_path) -> Path:
 
 
 def run(project: Path, *arguments: object) -> subprocess.CompletedProcess:
-    return forked.run("pipeline.result_pages", "--project", project, *arguments)
+    return forked.run("studies.results", "--project", project, *arguments)
 
 
 def rows_of(project: Path, name: str) -> list:
@@ -54,7 +54,6 @@ def test_the_pages_and_the_readme_are_those_of_their_tables():
     assert main(["--check"]) == 0
 
 
-@pytest.mark.thorough
 def typed_numbers(text: str) -> list[tuple[str, str, list[str]]]:
     """Numbers with a unit that somebody has typed beside links to results: number, unit of the tables, linked pages."""
     before, _, rest = text.partition(BEGIN)
@@ -96,7 +95,7 @@ def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_wri
     stale = run(project, "--check")
     assert stale.returncode == 1
     assert [line.split()[1].rpartition("/")[2] for line in stale.stderr.splitlines()] == ["costs.md", "README.md"]
-    assert "is older than its tables: python -m pipeline.result_pages" in stale.stderr
+    assert "is older than its tables: python -m studies.results" in stale.stderr
     assert run(project).returncode == 0
     assert run(project, "--check").returncode == 0
     assert "**14.5 min**" in (project / "README.md").read_text()

@@ -10,15 +10,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from pipeline.base.errors import UserError
-from pipeline.results.tables import FOLDER, Layout, Row
-from pipeline.results.take_over import SO_FAR
 from pipeline.scenes.yaml_files import read_yaml
+from studies.results.tables import FOLDER, Layout, Row
+from studies.results.take_over import SO_FAR
 
 PLAN = Path("config") / "results.yaml"
 OUTPUTS = Path("outputs")
 LONG = 120                  # minutes; what takes longer has a smaller twin
 KEYS = ("study", "scene", "level", "minutes", "cases", "twin", "writes")
-TAKE = "python -m pipeline.result_pages --take"
+TAKE = "python -m studies.results --take"
 ALL = ("tamponade", "emulsification")  # scenes of `./run all`
 STUDY = re.compile(r"python -m pipeline\.study (\w+)")
 TARGET = re.compile(r"outputs/([\w-]+)/(\w+)/\S+")

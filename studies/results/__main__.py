@@ -1,9 +1,9 @@
 """Write the pages of docs/results, and the numbers of README.md, from the tables of docs/results.
 
-    python -m pipeline.result_pages                       write the pages
-    python -m pipeline.result_pages --check               exit code 1 where a page is older than its tables
-    python -m pipeline.result_pages --take outputs/studies/injection_size_study/draft outputs/tamponade/standard
-                                                          first take over the numbers of these runs
+    python -m studies.results            write the pages
+    python -m studies.results --check    exit code 1 where a page is older than its tables
+    python -m studies.results --take outputs/studies/injection_size_study/draft outputs/tamponade/standard
+                                               first take over the numbers of these runs
 """
 import argparse
 import contextlib
@@ -16,12 +16,12 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import settle, table
-from pipeline.results.plan import PLAN, not_made, read_plan
-from pipeline.results.tables import FOLDER, LAYOUT, Headline, Layout, Page, Row, read_layout, read_rows, write_rows
-from pipeline.results.take_over import take_over
+from studies.results.plan import PLAN, not_made, read_plan
+from studies.results.tables import FOLDER, LAYOUT, Headline, Layout, Page, Row, read_layout, read_rows, write_rows
+from studies.results.take_over import take_over
 
-ROOT = Path(__file__).resolve().parents[1]
-COMMAND = "python -m pipeline.result_pages"
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = "python -m studies.results"
 BEGIN, END = "<!-- numbers of docs/results -->", "<!-- end of the numbers -->"
 ABOUT = ("size", "level", "machine", "code", "command")  # what many rows share
 BENCHMARKS, PEERS = "benchmarks", Path("benchmarks") / "dam_break" / "results.csv"  # docs/benchmarks.md has them

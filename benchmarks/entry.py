@@ -1,8 +1,8 @@
 """Write what this project enters in the benchmark tamponade-10 (benchmarks/tamponade-10), of its own tables.
 
     snakemake -j2 tamponade_10 outputs/tamponade/draft/metrics.csv      computes all cases
-    python -m pipeline.benchmark_entry --output mine.csv                the entry of the level draft
-    python -m pipeline.benchmark_entry --accuracy standard --output mine.csv    that of another level
+    python benchmarks/entry.py --output mine.csv                        the entry of the level draft
+    python benchmarks/entry.py --accuracy standard --output mine.csv    that of another level
 
 Numbers come from the table of the study `tamponade_10`, from the metrics of the scene `tamponade`, and, where neither
 has a case, from the tables of docs/results of the same level. A case that lacks a number is left out and told.
@@ -20,8 +20,8 @@ from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.base.tables import TIME, read_table
-from pipeline.results.tables import FOLDER, read_layout, read_rows
-from pipeline.results.take_over import taken_of
+from studies.results.tables import FOLDER, read_layout, read_rows
+from studies.results.take_over import taken_of
 
 STUDY, SCENE = "tamponade_10", "tamponade"
 OUTPUTS = Path("outputs")
@@ -184,7 +184,7 @@ def entry(study: Tables, scene: Path, published: Mapping[str, tuple[float, float
 
 def main() -> None:
     """Run the command; see ``--help``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.benchmark_entry", description=__doc__,
+    p = argparse.ArgumentParser(prog="python benchmarks/entry.py", description=__doc__,
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
     p.add_argument("--study", type=Path, metavar="DIR", help="folder with the table.csv of the study "

@@ -2,10 +2,10 @@
 import sys
 
 from pipeline.base.errors import UserError
-from pipeline.results.plan import PLAN, Plan, Run, read_plan
-from pipeline.results.tables import FOLDER, LAYOUT, read_layout, read_rows
 from pipeline.workflow.scenes import stop
 from pipeline.workflow.studies import Studies
+from studies.results.plan import PLAN, Plan, Run, read_plan
+from studies.results.tables import FOLDER, LAYOUT, read_layout, read_rows
 
 WORD = "results"  # begins the names of the targets, and of rules that jobs elsewhere are asked for
 DRY_RUN = ("-n", "--dry-run", "--dryrun")

@@ -8,13 +8,13 @@ import pytest
 from helpers import forked
 
 from pipeline.base.errors import UserError
-from pipeline.results.plan import LONG, PLAN, Run, made_by, not_made, read_plan, time_taken
-from pipeline.results.tables import FOLDER, Row, read_layout, read_rows
 from pipeline.scenes.folders import scene_paths
 from pipeline.scenes.load import load_accuracy_levels
 from pipeline.studies.plan import cached_study, study_names
-from pipeline.workflow.results import Results
 from pipeline.workflow.studies import Studies
+from studies.results.plan import LONG, PLAN, Run, made_by, not_made, read_plan, time_taken
+from studies.results.tables import FOLDER, Row, read_layout, read_rows
+from studies.results.workflow import Results
 
 ROOT = Path(__file__).resolve().parents[2]
 LAYOUT = read_layout(ROOT / FOLDER)
@@ -46,7 +46,7 @@ def test_the_pages_are_refused_where_a_table_has_no_run(tmp_path):
         copy(ROOT / name, tmp_path / name)
     plan = tmp_path / "config" / "results.yaml"
     plan.write_text("\n".join(line for line in plan.read_text().splitlines() if "effects_study" not in line))
-    found = forked.run("pipeline.result_pages", "--project", tmp_path, "--check")
+    found = forked.run("studies.results", "--project", tmp_path, "--check")
     assert found.returncode == 2 and found.stderr.count("error: ") == 1
     assert "the table off has numbers of `snakemake -j2 effects_study` at draft" in found.stderr
 
@@ -106,12 +106,12 @@ def test_what_a_run_took_here_is_told_in_place_of_what_it_may_take(tmp_path, mon
 def test_commands_take_what_a_table_has_and_gather_cases_before():
     found = {run.key: run.commands(LAYOUT, ROWS) for run in ALL.runs}
     assert found["effects_study_draft"] == [
-        "python -m pipeline.result_pages --take outputs/studies/effects_study/draft"]
+        "python -m studies.results --take outputs/studies/effects_study/draft"]
     assert found["validation_standard"] == [
         "python -m pipeline.study_report validation --accuracy standard --so-far",
-        "python -m pipeline.result_pages --take outputs/studies/validation/standard/so_far"]
-    assert found["tamponade_standard"] == ["python -m pipeline.result_pages --take outputs/tamponade/standard"]
-    assert found["fill_study_draft"] == [] and "benchmark_entry" in found["tamponade_10_draft"][0]
+        "python -m studies.results --take outputs/studies/validation/standard/so_far"]
+    assert found["tamponade_standard"] == ["python -m studies.results --take outputs/tamponade/standard"]
+    assert found["fill_study_draft"] == [] and "benchmarks/entry.py" in found["tamponade_10_draft"][0]
     cases = ALL.runs[[run.key for run in ALL.runs].index("validation_standard")].targets(
         cached_study("validation", "standard").cases)
     assert 10 < len(cases) < 100 and all("/cases/" in case for case in cases)
