@@ -6,8 +6,20 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
+from pipeline.base.words import nearest
 
 TIME = "time [s]"
+
+
+class Table(dict[str, np.ndarray]):
+    """Column -> numbers of a file; to ask for a column that it does not have is a UserError, which names it."""
+
+    def __init__(self, path: Path, columns: Iterable[tuple[str, np.ndarray]]):
+        super().__init__(columns)
+        self._path = path
+
+    def __missing__(self, column: str) -> np.ndarray:
+        raise UserError(f"{self._path}: has no column {column}{nearest(column, self)}")
 
 
 def write_table(path: Path, table: Mapping[str, Iterable[float]]) -> None:
@@ -28,7 +40,7 @@ def _cell(number: float) -> str:
     return str(int(number) if number.is_integer() and abs(number) < 1e15 else number)
 
 
-def read_table(path: Path) -> dict[str, np.ndarray]:
+def read_table(path: Path) -> Table:
     """Read a table of metrics: column -> (frames,) float64, NaN for an empty cell.
 
     Raises
@@ -46,4 +58,4 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         raise UserError(f"{path}: is damaged ({error}); measure again") from error
     if "frame" not in columns:
         raise UserError(f"{path}: is no table of metrics; it has no column `frame`")
-    return dict(zip(columns, values.T, strict=True))
+    return Table(path, zip(columns, values.T, strict=True))

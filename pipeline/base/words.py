@@ -1,5 +1,7 @@
 """Numbers and texts as people read them."""
-from collections.abc import Sequence
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 LONGEST = 80  # of a text in a message
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
@@ -34,6 +36,19 @@ def printable(text: str, longest: int = LONGEST) -> str:
     """
     shown = text if len(text) <= longest else f"{text[:longest]}..."
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in shown)
+
+
+def nearest(word: Any, names: Iterable[str]) -> str:
+    """Return the name that is most like ``word`` as a question, or nothing.
+
+    >>> nearest("viscosty", ["gravity", "viscosity"])
+    ' (did you mean viscosity?)'
+    """
+    word = printable(str(word)).lower()
+    matches = difflib.get_close_matches(word, names, n=5)
+    # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
+    best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
+    return f" (did you mean {best}?)" if best else ""
 
 
 def no_formula(text: str) -> str:

@@ -11,11 +11,11 @@ import yaml
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.words import nearest
 from pipeline.scenes.checks import NAME
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import SCENE_KEYS
-from pipeline.scenes.reader import nearest
 
 MADE = "# Made by pipeline.run: what differs from the scene that it extends."
 

@@ -5,10 +5,10 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.tables import TIME
+from pipeline.base.words import nearest
 from pipeline.measures.metric import Metric
 from pipeline.measures.shown import shown_metrics
 from pipeline.measures.summary import changing, constant
-from pipeline.scenes.reader import nearest
 
 
 class MetricsTable(Mapping[str, np.ndarray]):

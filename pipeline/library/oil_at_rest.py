@@ -11,7 +11,7 @@ from PIL import Image
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.words import NO_ADVICE
+from pipeline.base.words import NO_ADVICE, nearest
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.of_scene import rest_in_eye
 from pipeline.equilibrium.rest import Liquids, Rest
@@ -20,7 +20,6 @@ from pipeline.planning.plan import read_eye, read_record
 from pipeline.planning.report import percent
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye
-from pipeline.scenes.reader import nearest
 from sim.parameters import parameter
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pipeline.base.errors import UserError
 from pipeline.base.project import PROJECT, project_around
-from pipeline.scenes.reader import nearest
+from pipeline.base.words import nearest
 
 SCENES = Path("config/scenes")  # of the project that somebody works in
 LISTED = "`python -m pipeline.scene --scenes` lists all"

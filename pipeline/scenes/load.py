@@ -10,6 +10,7 @@ from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.base.project import PROJECT, project_around
+from pipeline.base.words import nearest
 from pipeline.scenes.checks import NAME, check, check_start
 from pipeline.scenes.description import description_of
 from pipeline.scenes.fill import fill_at_end
@@ -17,7 +18,7 @@ from pipeline.scenes.folders import scene_file, scene_path, scenes_folder
 from pipeline.scenes.materials import load_materials, read_liquids
 from pipeline.scenes.model import SCENE_KEYS, Eye, Initial, Material, Scene
 from pipeline.scenes.paths import file_of_project, project_of
-from pipeline.scenes.reader import FAILED, Errors, Find, NotRead, Reader, describe, nearest
+from pipeline.scenes.reader import FAILED, Errors, Find, NotRead, Reader, describe
 from pipeline.scenes.yaml_files import read_extended, read_yaml, sibling
 from sim.effects import REGISTRY
 from sim.schemes import REGISTRY as SCHEMES

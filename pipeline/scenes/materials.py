@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pipeline.base.words import nearest
 from pipeline.scenes.model import Material
-from pipeline.scenes.reader import FAILED, Errors, Incomplete, Key, Reader, describe, nearest
+from pipeline.scenes.reader import FAILED, Errors, Incomplete, Key, Reader, describe
 from pipeline.scenes.units import is_bare, is_kinematic_viscosity, likely, parse_quantity
 from pipeline.scenes.yaml_files import read_yaml
 

@@ -3,7 +3,6 @@
 Nothing is raised on the way: every error is collected with its file and key, so that the user sees all of them at once.
 """
 import dataclasses
-import difflib
 import math
 import types
 import typing
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.base.errors import UserError
-from pipeline.base.words import printable
+from pipeline.base.words import nearest, printable
 from pipeline.scenes.units import is_bare, likely, looks_like_degrees, parse_quantity
 from pipeline.scenes.value_files import READERS
 
@@ -253,19 +252,6 @@ def dotted(key: Key) -> str:
     'effects.gravity.turns[0].to'
     """
     return "".join(f"[{part}]" if isinstance(part, int) else f".{printable(part)}" for part in key).removeprefix(".")
-
-
-def nearest(word: Any, names: Iterable[str]) -> str:
-    """Return the name that is most like ``word`` as a question, or nothing.
-
-    >>> nearest("viscosty", ["gravity", "viscosity"])
-    ' (did you mean viscosity?)'
-    """
-    word = printable(str(word)).lower()
-    matches = difflib.get_close_matches(word, names, n=5)
-    # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
-    best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)
-    return f" (did you mean {best}?)" if best else ""
 
 
 def describe(data: Any) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 import yaml
 
 from pipeline.base.errors import UserError
-from pipeline.base.words import printable
+from pipeline.base.words import nearest, printable
 from pipeline.scenes.folders import LISTED, scene_path, scene_paths, scenes_folder
-from pipeline.scenes.reader import Errors, Key, describe, nearest
+from pipeline.scenes.reader import Errors, Key, describe
 
 MOST_BYTES = 200_000  # of a file: parsed in some seconds
 MOST_DEPTH = 20  # of lists and mappings in each other

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from pipeline.base.errors import UserError
-from pipeline.scenes.reader import nearest
+from pipeline.base.words import nearest
 from pipeline.studies.guests import family_modules, guest
 from pipeline.studies.model import Figure, Outcome
 from sim.effects import REGISTRY

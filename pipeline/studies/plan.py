@@ -12,12 +12,12 @@ from typing import Any
 
 from pipeline.base.digest import code_used, shortened
 from pipeline.base.errors import UserError
-from pipeline.base.words import printable
+from pipeline.base.words import nearest, printable
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene, project_materials
 from pipeline.scenes.model import Scene
-from pipeline.scenes.reader import Errors, Reader, describe, nearest
+from pipeline.scenes.reader import Errors, Reader, describe
 from pipeline.scenes.yaml_files import read_yaml
 from pipeline.studies.family import Family, family_names, family_of
 from pipeline.studies.guests import STUDIES, page_modules

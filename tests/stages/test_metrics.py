@@ -441,6 +441,12 @@ def test_damaged_table_is_named(tmp_path, text):
         read_table(tmp_path / "a.csv")
 
 
+def test_column_that_a_table_lacks_is_told_with_what_was_meant(tmp_path):
+    (tmp_path / "a.csv").write_text("frame,speed_rms [mm/s],speed_largest [mm/s]\n0,1,2\n")
+    with pytest.raises(UserError, match=r"a.csv: has no column speed_larges \(did you mean speed_largest \[mm/s\]\?\)"):
+        read_table(tmp_path / "a.csv")["speed_larges"]
+
+
 def test_summary_shows_start_end_smallest_and_largest_number(run_folder):
     metrics.main([*(str(run_folder / name) for name in ("scene.json", "initial.npz", "part_000", "part_001")),
                   "--output", str(run_folder / "metrics.csv"), "--summary", str(run_folder / "metrics.html")])
