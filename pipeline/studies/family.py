@@ -58,8 +58,8 @@ class Family:
     """
 
     module: str
-    parameters: type
-    run: Callable[..., Outcome]
+    parameters: type | None = None
+    run: Callable[..., Outcome] | None = None
     _: dataclasses.KW_ONLY
     scenes: Callable[[Any], Sequence[str]] = _nothing
     reads: tuple[str, ...] = ("frames",)

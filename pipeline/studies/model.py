@@ -45,6 +45,10 @@ class Row:
     wall_s: float | None = None
     relative: bool = False
 
+    def __post_init__(self):
+        if not self.unit:
+            raise UserError(f'the row "{self.quantity}" has no unit; that of a pure number is "1"')
+
     @property
     def holds(self) -> bool | None:
         """Whether the error is within the tolerance; None where nothing is asked. No number is no success."""

@@ -113,6 +113,8 @@ def test_another_folder_has_other_families(studies, tmp_path_factory, monkeypatc
      "config/studies/fall.py, line 2: cannot be imported: ModuleNotFoundError: No module named 'nothing_of_this_name'"),
     ("_law.py", "speed_below = 1 / 0\n", "config/studies/_law.py, line 1: cannot be imported: ZeroDivisionError: "),
     ("fall.py", FALL.replace("(case: Parameters)", "()"), "config.studies.fall: run must take 1 arguments"),
+    ("fall.py", FALL.replace("Parameters, run)", "Parameters)"), "config.studies.fall: run must be a function"),
+    ("fall.py", FALL.replace("Parameters, run)", "run=run)"), "config.studies.fall: parameters must be a frozen"),
     ("stone_page.py", "", "config/studies/stone_page.py: has no PAGE, which must be a StudyPage"),
     ("stone.yaml", STONE.replace("report: stone", "report: stoned"),
      "report is \"stoned\", but must be one of curves, tradeoff, "),
@@ -123,6 +125,12 @@ def test_what_is_wrong_is_told_in_a_sentence(studies, name, text, sentence):
     with pytest.raises(UserError) as caught:
         load_study("stone").page  # noqa: B018
     assert sentence in str(caught.value)
+
+
+def test_a_row_without_a_unit_is_told_in_a_sentence(studies, project):
+    (studies / "fall.py").write_text(FALL.replace('"m/s")', '"")'))
+    done = forked.run("pipeline.study", "stone", "--case", "fall-1", folder=project.folder)
+    assert done.stderr.splitlines()[0] == 'error: the row "speed" has no unit; that of a pure number is "1"'
 
 
 def test_the_command_tells_what_is_wrong_in_a_sentence(studies, project):
