@@ -32,8 +32,7 @@ KEYS = ("title", "description", "cases", "report")
 CASE = r"[A-Za-z0-9_.-]{1,200}"  # names of cases, as the rules have them
 MOST_CASES = 10_000  # of a family
 MOST_LISTED = 20  # cases that an error names
-# Figures of the families, or `pipeline.studies.tradeoff`; others are pages that answer a question of a surgeon.
-REPORTS = ("curves", "tradeoff")
+CURVES = "curves"  # the report with the figures of the families; others have a file of their own (``StudyPage``)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Study:
     description: str
     accuracy: str
     cases: dict[str, Case]
-    report: str = "curves"
+    report: str = CURVES
 
     @functools.cached_property
     def solving(self) -> int:
@@ -100,8 +99,8 @@ class Study:
 
     @property
     def page(self) -> StudyPage | None:
-        """What writes its page, where it answers a question of a surgeon."""
-        return page_of(self.report) if self.report not in REPORTS else None
+        """What writes its page, where it is no table with the figures of its families."""
+        return page_of(self.report) if self.report != CURVES else None
 
     @property
     def command(self) -> str:
@@ -114,8 +113,8 @@ class Study:
         return list(dict.fromkeys(case.family for case in self.cases.values()))
 
     def figures(self) -> list[Figure]:
-        """Figures of all families, each once; none in a study of what accuracy costs, which has its own."""
-        if self.report == "tradeoff":
+        """Figures of all families, each once; none where the page has its own by family."""
+        if self.page and self.page.judge:
             return []
         return [figure for family in self.families() for figure in family.figures]
 
@@ -124,10 +123,8 @@ class Study:
 
         A case returns its pictures with its outcome; ``draw`` of a family shows all of its cases.
         """
-        if self.report == "tradeoff":
-            return [f"{family}_tradeoff" for family in self.family_names()]
         if self.page:
-            return list(self.page.pictures)
+            return list(self.page.named(self.page.pictures, self.family_names()))
         made = [name for family in self.families() for name in family.pictures]
         return [figure.name for figure in self.figures()] + made
 
@@ -137,9 +134,7 @@ class Study:
 
     def tables(self) -> list[str]:
         """Names of the CSV files beside ``table.csv``."""
-        if self.report == "tradeoff":
-            return [*self.family_names(), "orders"]
-        return list(self.page.tables) if self.page else []
+        return list(self.page.named(self.page.tables, self.family_names())) if self.page else []
 
     def case(self, name: str) -> Case:
         """Return a case by name.
@@ -200,14 +195,16 @@ def load_study(name: str, accuracy: str = DEFAULT, folder: Path = STUDIES) -> St
     elif not declared:
         errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
     words = reader.record(_Words, {key: data[key] for key in ("title", "description") if key in data})
-    report = data.get("report", REPORTS[0])
-    if report not in (known := (*REPORTS, *page_modules())):
+    report = data.get("report", CURVES)
+    study = Study(name, words.title or name, words.description, accuracy, cases, report)
+    if report not in (known := (CURVES, *page_modules())):
         errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(known)}")
-    for family in {case.family.name: case.family for case in cases.values()}.values() if report == "tradeoff" else ():
-        if not family.headline:
-            errors.add(("cases", family.name), "has no headline, whose error the report tradeoff shows")
+    elif study.page:
+        for family in study.families():
+            if lack := study.page.lacks(family):
+                errors.add(("cases", family.name), lack)
     errors.raise_any()
-    return Study(name, words.title or name, words.description, accuracy, cases, report)
+    return study
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,6 +10,7 @@ import dataclasses
 import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.base import page
 from pipeline.base.canvas import empty_figure
@@ -19,6 +20,11 @@ from pipeline.base.words import NO_ADVICE
 from pipeline.studies.guests import guest, page_modules
 from pipeline.studies.model import Outcome
 
+if TYPE_CHECKING:
+    from pipeline.studies.family import Family
+    from pipeline.studies.plan import Study
+
+Names = tuple[str, ...] | Callable[[Sequence[str]], Sequence[str]]
 DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
 # What words mean, for readers who compute nothing.
 WORDS = {
@@ -154,16 +160,27 @@ class StudyPage:
     Attributes
     ----------
     module : name of its module.
-    pictures, tables : names of the PNG and CSV files that it writes.
-    write : called with the description of the study, its outcomes and the folder; returns the parts of the page.
+    pictures, tables : names of the PNG and CSV files that it writes, or a function that names them by the families.
+    write : called with the description of the study, its outcomes and the folder; returns the parts of the page, none
+        where the page is the table.
     in_short : returns what rows of several cases say together.
+    judge : called before all else with the study of the cases that have a result, their outcomes and the folder;
+        returns the outcomes that are shown in place of these.
+    lacks : returns what a family lacks that this page needs, in words; empty: nothing.
     """
 
     module: str
-    pictures: tuple[str, ...]
-    tables: tuple[str, ...]
+    pictures: Names
+    tables: Names
     write: Callable[[str, Sequence[Outcome], Path], list[str]]
     in_short: Callable[[Sequence[Outcome]], list[Outcome]] = lambda outcomes: []
+    judge: Callable[["Study", list[Outcome], Path], list[Outcome]] | None = None
+    lacks: Callable[["Family"], str] = lambda family: ""
+
+    @staticmethod
+    def named(names: Names, families: Sequence[str]) -> Sequence[str]:
+        """Return the names of files of a study with such families."""
+        return names(families) if callable(names) else names
 
 
 def page_of(report: str) -> StudyPage:

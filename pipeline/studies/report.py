@@ -15,7 +15,6 @@ from pipeline.base.files import replacing, write_text
 from pipeline.base.words import no_formula
 from pipeline.studies.model import COLUMNS, FAILED, MADE, OUTCOME, Curve, Figure, Outcome
 from pipeline.studies.plan import Case, Study
-from pipeline.studies.tradeoff import unasked, write_tradeoff
 
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
@@ -67,9 +66,9 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
     """
     failed = [outcome for outcome in outcomes if outcome.failure]
     found = [outcome for outcome in outcomes if not outcome.failure]
-    if study.report == "tradeoff":
+    if study.page and study.page.judge:
         with_result = dataclasses.replace(study, cases={one.case: study.case(one.case) for one in found})
-        found = write_tradeoff(with_result, found, target) + [unasked(outcome) for outcome in found]
+        found = study.page.judge(with_result, found, target)
     in_short = study.page.in_short(found) if study.page and complete else []
     outcomes = [*in_short, *found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]

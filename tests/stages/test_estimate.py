@@ -34,7 +34,7 @@ from pipeline.scenes.fill import fill_at_start
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.simulation.solver_setup import build_solver
 from pipeline.studies.plan import load_study
-from pipeline.studies.tradeoff import orders_of, points_of
+from studies.validation.tradeoff_page import orders_of, points_of
 
 SCENES = ROOT / "config" / "scenes"
 LEVELS = tuple(load_accuracy_levels(ROOT / "config" / "accuracy.yaml"))

@@ -117,7 +117,7 @@ def test_another_folder_has_other_families(studies, tmp_path_factory, monkeypatc
     ("fall.py", FALL.replace("Parameters, run)", "run=run)"), "config.studies.fall: parameters must be a frozen"),
     ("stone_page.py", "", "config/studies/stone_page.py: has no PAGE, which must be a StudyPage"),
     ("stone.yaml", STONE.replace("report: stone", "report: stoned"),
-     "report is \"stoned\", but must be one of curves, tradeoff, "),
+     "report is \"stoned\", but must be one of curves, exchanged_oil, "),
     ("stone.yaml", STONE.replace("fall:", "fell:"), "did you mean fall?"),
 ])
 def test_what_is_wrong_is_told_in_a_sentence(studies, name, text, sentence):

@@ -23,6 +23,7 @@ from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
 from pipeline.studies.family import Family
 from pipeline.studies.model import COMPUTING_TIME, WALL_TIME, Outcome, Row, observed_order
 from pipeline.studies.plan import Case, Study, spacings
+from pipeline.studies.question_page import StudyPage
 
 WIDTH = 0.022  # m, of the eye whose levels are marked
 SPACING, REACHED = "particle spacing", "time reached"
@@ -186,6 +187,11 @@ def levels_of(points: Sequence[Point], per_width: float, levels: dict[str, float
         known = [(one.resolution, one.error, one.least, one.most) for one in base]
         found[name] = (resolution, time, float(error_at(resolution, known, order)[0][0]) if base else math.nan)
     return found
+
+
+def judge(study: Study, outcomes: list[Outcome], target: Path) -> list[Outcome]:
+    """Write figures and tables; return what is to be said about them, and the outcomes, of which no error is asked."""
+    return write_tradeoff(study, outcomes, target) + [unasked(outcome) for outcome in outcomes]
 
 
 def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> list[Outcome]:
@@ -363,3 +369,9 @@ def _draw(path: Path, family: Family, points: Sequence[Point]) -> None:
     canvas.legend(loc="outside right upper", frameon=False, fontsize=8)
     with replacing(path) as partial:
         canvas.savefig(partial, dpi=130)
+
+
+PAGE = StudyPage(
+    __name__, lambda families: [f"{family}_tradeoff" for family in families], lambda families: [*families, "orders"],
+    lambda description, outcomes, folder: [], judge=judge,
+    lacks=lambda family: "" if family.headline else "has no headline, whose error the report tradeoff shows")
