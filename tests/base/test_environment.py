@@ -1,5 +1,6 @@
 """What is installed: one lock file for all Pythons, what it must hold, and what is said of the packages."""
 import itertools
+import os
 import re
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import tomllib
 
 import pytest
 from conftest import ROOT
+from helpers.cases import thorough
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -71,6 +73,15 @@ def test_container_gets_what_the_wheel_is_made_of():
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
     assert {name.strip("/") for name in wheel["include"]} | set(wheel["force-include"]) <= set(kept)
     assert all((ROOT / name).exists() for name in kept)
+
+
+@pytest.mark.parametrize(("option", "words"), [
+    ("--version", rf"eye-oil {PROJECT['version']}, Snakemake \d+[.\d]+\n"),
+    thorough("--help", r"Snakemake with the rules of this project in any folder(.|\n)*usage: (.|\n)*--dry-run(.|\n)*")])
+def test_the_installed_command_tells_what_it_is_and_copies_nothing(tmp_path, option, words):
+    done = subprocess.run([sys.executable, "-m", "pipeline.workflow.command", option], cwd=tmp_path, text=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True)
+    assert re.fullmatch(words, done.stdout) and not [*tmp_path.iterdir()], done.stdout + done.stderr
 
 
 @pytest.mark.thorough
