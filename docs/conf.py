@@ -13,6 +13,7 @@ import tomllib
 from pathlib import Path
 
 import latex2mathml.converter
+import yaml
 import ziamath
 from docutils import nodes
 from sphinx.util import logging
@@ -184,6 +185,35 @@ def fill_in(app, name: str, source: list[str]) -> None:
                        lambda match: headed(printed(match[1], *match[2].split())), source[0])
 
 
+# Words of users, for search and index.
+
+WORDS = yaml.safe_load((DOCS / "_words.yml").read_text(encoding="utf-8"))
+
+
+def put_words(app, name: str, source: list[str]) -> None:
+    """Put the words of `_words.yml` behind the headings that answer them."""
+    for place, words in WORDS.items():
+        page, _, heading = place.partition("#")
+        if page != name:
+            continue
+        app.env.note_dependency(str(DOCS / "_words.yml"))
+        behind = [line.end() for line in re.finditer(r"^#+ (.+)$", source[0], re.MULTILINE) if slug(line[1]) == heading]
+        if not behind:
+            logger.warning("_words.yml: %s has no heading #%s", name, heading)
+        for end in behind[:1]:
+            entries = ", ".join(f"! {word}" for word in words)
+            source[0] = f"{source[0][:end]}\n\n```{{index}} {entries}\n```\n{source[0][end:]}"
+
+
+def slug(heading: str) -> str:
+    """Return what a forge makes of a heading in links.
+
+    >>> slug('What "touches" means, in short')
+    'what-touches-means-in-short'
+    """
+    return re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-")
+
+
 # Docstrings: `name : what it is`, where numpydoc has a type behind the colon; types come from annotations.
 
 SECTION = re.compile(r"(Parameters|Attributes|Class attributes|Raises|Returns|Yields)$")
@@ -204,6 +234,7 @@ def as_numpydoc(app, what: str, name: str, thing: object, options: object, lines
 def setup(app) -> dict[str, bool]:
     """Connect what is above."""
     app.add_html_math_renderer("paths", (inline_equation, None), (display_equation, None))
+    app.connect("source-read", put_words)
     app.connect("source-read", fill_in)
     app.connect("source-read", lead_links)
     app.connect("autodoc-process-docstring", as_numpydoc, priority=400)

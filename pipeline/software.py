@@ -1,4 +1,4 @@
-"""Stage: name, version and license of every package that is installed, as a page or a table.
+"""Stage: name, version and license of all packages that are installed, and of libraries in pages, as a page or a table.
 
     python -m pipeline.software --output outputs/software.html --output outputs/software.csv
 """
@@ -15,6 +15,7 @@ from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
 from pipeline.base.packages import Package, packages
+from pipeline.web.scripts import LIBRARIES
 
 HEADS = ("name", "version", "license")
 
@@ -27,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                         help="file to write: a page if it ends in .html, else a table; several are allowed (default: a "
                              "table on standard output)")
     options = parser.parse_args(arguments)
-    found = packages()
+    found = [*packages(), *LIBRARIES]
     if not options.output:
         sys.stdout.write(table_of(found))
     for path in options.output:
@@ -45,8 +46,9 @@ def page_of(found: Sequence[Package]) -> str:
     """Return the packages as a page."""
     counts = Counter(one.license for one in found).most_common()
     return page.page("Software", [
-        page.paragraph(f"Python {platform.python_version()} on {platform.platform()}, {len(found)} packages, with the "
-                       "license that each states itself."),
+        page.paragraph(f"Python {platform.python_version()} on {platform.platform()}, with the license that each "
+                       "package states itself. Pages contain "
+                       f"{' and '.join(one.name for one in LIBRARIES)}, listed last."),
         page.table(HEADS, [(one.name, one.version, one.license) for one in found], words=(1, 2)),
         page.section("Licenses"), page.table(("license", "packages"), counts),
     ])

@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
                         help="do not compare the code that made the run with this one")
     options = parser.parse_args(arguments)
     found = compare(place_of(options.folder), available_cores(), code=not options.any_code)
-    for sentence in found.notes + found.differences:
+    for sentence in found.differences:
         print(printable(sentence, LONGEST))
     told, count = found.recorded, len(found.recorded.files)
     run_told = f"{told.scene} at {told.level}, {memory(found.size)}, crate by version {told.version}"

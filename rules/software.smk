@@ -1,6 +1,7 @@
 """What is installed: name, version and license of every package."""
 
 from pipeline.base.packages import packages_digest
+from pipeline.workflow.digest import stage_digest
 
 
 rule software:
@@ -15,7 +16,7 @@ rule software:
     log:
         "outputs/logs/software.log",
     params:
-        depends=lambda w: packages_digest(),
+        depends=lambda w: [packages_digest(), stage_digest("software")],
     message:
         "list the packages that are installed"
     shell:

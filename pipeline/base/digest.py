@@ -1,6 +1,6 @@
 """Digests of code: which files of this project a module uses, and what they mean.
 
-Comments, docstrings and layout do not count.
+Comments, docstrings and layout do not count, nor does the version of Python that reads them.
 """
 import ast
 import contextlib
@@ -198,12 +198,28 @@ def _read(code: str) -> dict:
             del node.body[0]
         if isinstance(node, ast.Module | ast.ClassDef):
             bodies.append(node)
-    everything = work = shortened(ast.dump(tree))
+    everything = work = shortened(_written(tree))
     if any(map(_speaks, (one for node in bodies for one in node.body))):
         for node in bodies:
             node.body = [one for one in node.body if not _speaks(one)]
-        work = shortened(ast.dump(tree))
+        work = shortened(_written(tree))
     return {"imports": imports, "all": everything, "work": work, "says": str(says[0]) if says else ""}
+
+
+def _written(node: object) -> str:
+    """A tree of code as text, the same with every version of Python.
+
+    ``ast.dump`` also writes empty fields, which newer versions have more of, and what of a text is printable changes.
+    """
+    if isinstance(node, list):
+        return f"[{','.join(map(_written, node))}]"
+    if not isinstance(node, ast.AST):
+        return ascii(node)
+    if isinstance(node, ast.JoinedStr):  # Python 3.12.1 ends formats in texts with an empty one
+        node.values = [one for one in node.values if getattr(one, "value", None) != ""]
+    fields = ((name, getattr(node, name, None)) for name in node._fields)
+    told = (f"{name}={_written(value)}" for name, value in fields if value is not None and value != [])
+    return f"{type(node).__name__}({','.join(told)})"
 
 
 def _speaks(node: ast.stmt) -> bool:

@@ -2,6 +2,7 @@
 import os
 import sys
 import sysconfig
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,12 +10,19 @@ from sim.backend.choice import NoBackend, library
 
 # Settings of Matplotlib: a backend that this version does not know would end every stage.
 FOREIGN = ("MPLBACKEND",)
+# Of Python itself: made errors, what libraries warn of would end every stage.
+WARNINGS = "PYTHONWARNINGS"
+UNTOLD = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)  # by Python's own filters
 
 
 def shut_out_foreign_settings() -> None:
     """Forget settings for other programs, and let packages in PYTHONPATH take the place of no installed ones."""
     for name in FOREIGN:
         os.environ.pop(name, None)
+    if os.environ.pop(WARNINGS, ""):
+        warnings.resetwarnings()
+        for category in UNTOLD:
+            warnings.simplefilter("ignore", category)
     named = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     sys.path[:] = behind_installed(sys.path, named, Path(sysconfig.get_path("purelib")))
 

@@ -32,11 +32,16 @@ GZIP = b"\x1f\x8b"
 SPACES = {"LPS": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "RAS": ((-1, 0, 0), (0, 0, 1), (0, 1, 0))}
 # What begins with these bytes is no mesh, whatever its name says: what it is, and what helps.
 OTHERS = ((b"version https://git-lfs", "is a pointer of Git LFS in place of the file: run git lfs pull"),
+          (b"/annex/objects/", "is a pointer of git-annex in place of the file: run git annex get"),
           (b"PK\x03\x04", "is a zip archive: unpack it, and name the mesh in it"),
           (GZIP, "is compressed by gzip: unpack it, and name the mesh in it"),
           (b"7z\xbc\xaf", "is a 7z archive: unpack it, and name the mesh in it"),
           (b"Rar!", "is a rar archive: unpack it, and name the mesh in it"),
           (b"%PDF", "is a PDF: export the surface itself"),
+          *((start, "is a picture: export the surface itself") for start in (
+              b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"II*\0", b"MM\0*")),
+          *((start, "is a shortcut of Windows: copy the file that it leads to") for start in (
+              b"L\0\0\0\1\x14\2", b"[InternetShortcut]")),
           (b"glTF", "is a glTF file: export the surface as STL, OBJ or PLY"),
           (b"Kaydara FBX", "is an FBX file: export the surface as STL, OBJ or PLY"),
           (b"ISO-10303", "is a STEP file of a CAD program: export the surface as STL"))
@@ -90,7 +95,8 @@ def read_mesh_file(path: Path) -> MeshFile:
         raise cannot_be_read(path, suffix[1:].upper(), error) from error
     if not len(found.faces):
         raise UserError(f"{path} (eye.path): holds {len(found.vertices)} points and no triangles, but a closed surface "
-                        "is needed; make one of the points in the program that wrote them")
+                        "is needed; " + ("make one of the points in the program that wrote them" if len(found.vertices)
+                                         else "export or copy it again"))
     return dataclasses.replace(found, space=named[1].decode().upper()) if named else found
 
 
@@ -123,9 +129,11 @@ def _text(data: bytes) -> str:
 
 
 def _numbers(words: list[str]) -> np.ndarray:
-    """Numbers with decimal points or, as programs write them in some countries, commas."""
+    """Numbers with decimal points or, as programs write them in some countries, commas; Fortran has 1.5D+01."""
     text = " ".join(words)
-    return np.array((text.replace(",", ".") if "," in text else text).split(), float)
+    for written, meant in ((",", "."), ("D", "E")):
+        text = text.replace(written, meant)
+    return np.array(text.split(), float)
 
 
 def _read_stl(path: Path) -> MeshFile:
@@ -142,6 +150,9 @@ def _read_stl(path: Path) -> MeshFile:
         words = [word for corner in re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)", _text(data), re.IGNORECASE)
                  for word in corner]
         return MeshFile(*_joined(_numbers(words).reshape(-1, 3, 3)))
+    if re.fullmatch(rb"[\t\r\n -~]*", data[:HEAD]):
+        raise UserError(f"{path} (eye.path): is a text, but no STL: export the surface as STL, or name the file as "
+                        "what it is")
     size, kind = len(data), large_stl.TRIANGLE
     if size < large_stl.HEAD:
         raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "

@@ -3,7 +3,6 @@ import dataclasses
 import hashlib
 import itertools
 import json
-import platform
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import PurePosixPath
@@ -27,13 +26,12 @@ class Comparison:
 
     Attributes
     ----------
-    differences, notes : sentences; what notes say is no difference.
+    differences : sentences.
     whole : files that are as the crate says.
     recorded : what the crate says.
     """
 
     differences: list[str]
-    notes: list[str]
     whole: int
     recorded: Recorded
 
@@ -71,12 +69,10 @@ def compare(place: Place, threads: int = 1, code: bool = True) -> Comparison:
                     for name, paths in sorted(over.items())]
     differences += _several(sorted(found.keys() - recorded.files.keys() - apart), "is not in the crate: it was added "
                             "or made after it")
-    notes: list[str] = []
     if code and scene is not None:
-        older, notes = _older(recorded, scene)
-        differences += older
+        differences += _older(recorded, scene)
     whole = recorded.files.keys() & found.keys() - {*resized, *other}
-    return Comparison(differences, notes, len(whole), recorded)
+    return Comparison(differences, len(whole), recorded)
 
 
 def _recorded(place: Place, sizes: dict[PurePosixPath, int]) -> Recorded:
@@ -188,14 +184,9 @@ def _several(paths: Sequence[PurePosixPath], what: str) -> list[str]:
             *([f"{', '.join(kinds)}: {counted(len(rest), 'more file')} with the same difference"] if rest else [])]
 
 
-def _older(recorded: Recorded, scene: Scene) -> tuple[list[str], list[str]]:
-    """Sentences on stages whose results this code would make otherwise, and what could not be compared."""
-    minor = platform.python_version().rpartition(".")[0]
-    if recorded.python.rpartition(".")[0] != minor:  # digests of code are those of Python's own reading of it
-        return [], [f"code: not compared, for the run was made with Python {recorded.python} and this is {minor}"]
+def _older(recorded: Recorded, scene: Scene) -> list[str]:
+    """A sentence on stages whose results this code would make otherwise."""
     older = sorted({job.stage for job in recorded.jobs if job.digests
                     and not {stage_digest(job.stage, scene), stage_digest(job.stage)} & {*job.digests}})
-    if not older:
-        return [], []
     return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made; "
-            "this code may give other results: run the scene again to see"], []
+            "this code may give other results: run the scene again to see"] if older else []

@@ -33,7 +33,6 @@ class Recorded:
     ----------
     files : size, bytes, and SHA-256 of every result.
     version : of the code that wrote the crate.
-    python : version of Python.
     """
 
     scene: str
@@ -41,7 +40,6 @@ class Recorded:
     files: dict[PurePosixPath, tuple[int, str]]
     jobs: list[RecordedJob]
     version: str
-    python: str
 
 
 def read_crate(text: bytes, where: str) -> Recorded:
@@ -59,7 +57,7 @@ def read_crate(text: bytes, where: str) -> Recorded:
         jobs = [_job(one, entities) for one in entities.values()
                 if one["@type"] == "CreateAction" and one["instrument"]["@id"].startswith(TOOL)]
         scene, level = _called(entities["#run"]), entities["#value-accuracy"]["value"]
-        recorded = Recorded(scene, level, files, jobs, workflow["version"], entities["#Python"]["softwareVersion"])
+        recorded = Recorded(scene, level, files, jobs, workflow["version"])
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise UserError(f"{where}/{CRATE}: is damaged or no crate of a run of this pipeline "
                         f"({type(error).__name__}: {error}); {how_to_make()}") from None

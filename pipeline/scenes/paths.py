@@ -36,7 +36,8 @@ def file_of_project(scene_file: Path, project: Path, errors: Errors, name: str, 
                         "files in it only; copy the file, or link to it (`ln -s`), beside the scene")
         return None
     if not _is_file(path):
-        errors.add(key, f"is {describe(name)}, but there is no such file beside the scene ({path.parent})")
+        there = "that is a folder" if os.path.isdir(path) else "there is no such file"
+        errors.add(key, f"is {describe(name)}, but {there} beside the scene ({path.parent})")
         return None
     return path
 

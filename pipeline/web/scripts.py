@@ -4,8 +4,11 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from pipeline.base.packages import Package
+
 HERE = Path(__file__).parent
 VENDOR = HERE / "vendor"
+LIBRARIES = (Package("three.js", "0.180.0", "MIT"), Package("uPlot", "1.6.32", "MIT"))  # of vendor
 
 # Browsers refuse whatever the page would ask others for.
 POLICY = Markup('<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '

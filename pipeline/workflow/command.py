@@ -1,8 +1,9 @@
 """Snakemake with the rules of this project in any folder: `eye-oil outputs/tamponade/draft/index.html`.
 
 The folder holds `config` and gets `outputs`. Where there is no `config` yet, that of the project is copied there. All
-arguments are Snakemake's; without `-j` it takes two cores.
+arguments are Snakemake's; without `-j` it takes two cores. `--version` and `--help` copy nothing.
 """
+import importlib.metadata
 import os
 import shutil
 import sys
@@ -11,10 +12,13 @@ from pathlib import Path
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
+from pipeline.base.origin import release
 from pipeline.base.project import PROJECT, SNAKEFILE, is_project, project_around
 
 CONFIG = Path("config")
 CORES = ("-j", "-c", "--jobs", "--cores")
+HELP = ("-h", "--help")
+VERSION = ("-v", "--version")
 
 
 def main() -> None:
@@ -23,6 +27,12 @@ def main() -> None:
 
 
 def _start(arguments: list[str]) -> None:
+    if {*VERSION} & {*arguments}:
+        print(f"eye-oil {release()}, Snakemake {importlib.metadata.version('snakemake')}")
+        return
+    if {*HELP} & {*arguments}:
+        print(__doc__, flush=True)
+        os.execv(sys.executable, [sys.executable, "-m", "snakemake", "--help"])
     folder = project_folder(Path.cwd())
     cores = [] if any(one.startswith(CORES) for one in arguments) else ["-j2"]
     os.execv(sys.executable, snakemake_command(folder, *cores, *arguments))

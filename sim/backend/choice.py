@@ -11,6 +11,8 @@ from sim.errors import RunError
 
 DEFAULT = "taichi"
 VARIABLE = "EYE_OIL_BACKEND"  # of the environment: another one for a while, as for tests
+# Options of the start that the environment may set: they change no result.
+PLACES = ("offline_cache_file_path", "offline_cache_max_size_of_files", "visible_device")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +45,12 @@ class Library:
     def silence(self) -> None:
         """Let its import not greet on standard output, which belongs to what the stages write."""
         os.environ.setdefault(f"ENABLE_{self.word.upper()}_HEADER_PRINT", "0")
+
+    def forget_settings(self) -> None:
+        """Let what a user has set for other programs of this library, such as `TI_FAST_MATH`, change no result here."""
+        kept = {*map(self.variable, PLACES)}
+        for name in [one for one in os.environ if one.startswith(f"{self.prefix}_") and one not in kept]:
+            del os.environ[name]
 
     def is_installed(self) -> bool:
         """Return whether it can be imported."""

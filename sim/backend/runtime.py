@@ -52,6 +52,7 @@ def initialize(precision: str = "f32", threads: int = 0, device: str = "cpu", *,
     if keep_to_core and wanted["threads"] == 1 and wanted["device"] == "cpu":
         keep_to_one_core()
     options = leave_loops_rolled() if wanted["device"] == "cpu" else ""
+    library().forget_settings()
     # Taichi would send its version, the system and a number of this user to its makers.
     os.environ[library().variable("skip_version_check")] = "ON"
     before, arch = _own_threads(), getattr(ti, wanted["device"])

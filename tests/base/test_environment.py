@@ -1,5 +1,6 @@
 """What is installed: one lock file for all Pythons, what it must hold, and what is said of the packages."""
 import itertools
+import os
 import re
 import subprocess
 import sys
@@ -7,12 +8,14 @@ import tomllib
 
 import pytest
 from conftest import ROOT
+from helpers.cases import thorough
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pipeline import software
 from pipeline.base.packages import Package, packages, packages_digest
+from pipeline.web.scripts import LIBRARIES, VENDOR
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
@@ -72,11 +75,20 @@ def test_container_gets_what_the_wheel_is_made_of():
     assert all((ROOT / name).exists() for name in kept)
 
 
+@pytest.mark.parametrize(("option", "words"), [
+    ("--version", rf"eye-oil {PROJECT['version']}, Snakemake \d+[.\d]+\n"),
+    thorough("--help", r"Snakemake with the rules of this project in any folder(.|\n)*usage: (.|\n)*--dry-run(.|\n)*")])
+def test_the_installed_command_tells_what_it_is_and_copies_nothing(tmp_path, option, words):
+    done = subprocess.run([sys.executable, "-m", "pipeline.workflow.command", option], cwd=tmp_path, text=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True)
+    assert re.fullmatch(words, done.stdout) and not [*tmp_path.iterdir()], done.stdout + done.stderr
+
+
 @pytest.mark.thorough
 def test_packages_are_told_with_version_and_license(capsys):
     software.main([])
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "name,version,license" and len(lines) == 1 + len(packages())
+    assert lines[0] == "name,version,license" and len(lines) == 1 + len(packages()) + len(LIBRARIES)
     found = {one.name: one for one in packages()}
     assert found["numpy"].version == locked(f"3.{sys.version_info.minor}")["numpy"]
     assert "BSD" in found["numpy"].license and found["pyvista"].license == "MIT"
@@ -98,4 +110,18 @@ def test_packages_that_say_nothing_readable_are_told_too(tmp_path, monkeypatch):
 
 def test_page_of_the_packages_escapes_them():
     page = software.page_of([Package("<b>", "1", "MIT"), Package("c", "2", "MIT")])
-    assert "&lt;b&gt;" in page and "<b>" not in page and "2 packages" in page
+    assert "&lt;b&gt;" in page and "<b>" not in page
+
+
+def test_libraries_in_pages_are_told_as_they_are(capsys):
+    """Their versions stand in their files, their licenses beside them, and both come with the wheel."""
+    told = {one.name: one for one in LIBRARIES}
+    heads = {path.name: path.read_text(encoding="utf-8")[:60] for path in VENDOR.glob("*.min.js")}
+    assert f"(v{told['uPlot'].version})" in heads["uplot.min.js"]
+    assert f"r{told['three.js'].version.split('.')[1]}, {told['three.js'].license} " in heads["three.min.js"]
+    assert len(heads) == len(told) == len([*VENDOR.glob("LICENSE.*")])
+    for one in LIBRARIES:
+        assert f"{one.version} | {one.license}," in (VENDOR / "README.md").read_text(encoding="utf-8")
+    software.main([])
+    assert "uPlot,1.6.32,MIT\n" in capsys.readouterr().out
+    assert {*VENDOR.glob("LICENSE.*")} <= {path for name in PROJECT["license-files"] for path in ROOT.glob(name)}

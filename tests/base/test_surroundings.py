@@ -51,6 +51,11 @@ def test_the_backend_of_a_user_ends_no_stage(backend):
     assert done.returncode == 0 and not done.stderr, done.stderr
 
 
+def test_warnings_of_libraries_are_no_errors():
+    done = stage("-m", "pipeline.scene", "tiny", "--check", PYTHONWARNINGS="error")
+    assert done.returncode == 0 and not done.stderr, done.stderr
+
+
 def test_packages_of_pythonpath_take_the_place_of_no_installed_ones(tmp_path):
     """As modules of clusters do, with another NumPy, YAML or Matplotlib."""
     for package in ("numpy", "yaml", "matplotlib", "pyvista"):

@@ -178,6 +178,7 @@ def test_smooth_shapes_have_no_steps(eye, tmp_path):
 DIALECTS = {
     "commas.stl": lambda mesh: text_stl(mesh, comma).encode(),
     "capitals.stl": lambda mesh: text_stl(mesh).upper().encode(),
+    "fortran.stl": lambda mesh: text_stl(mesh, lambda number: f"{number:.9E}".replace("E", "D")).encode(),
     "mark.stl": lambda mesh: b"\xef\xbb\xbf" + text_stl(mesh).replace("\n", "\r\n").encode(),
     "utf16.stl": lambda mesh: text_stl(mesh).encode("utf-16"),
     "cyrillic.stl": lambda mesh: text_stl(mesh, solid="Стекловидное тело").encode(),
@@ -208,6 +209,11 @@ def test_dialects_are_read(ball, tmp_path, name):
 
 OTHERS = {
     "pointer.stl": (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n", "run git lfs pull"),
+    "annexed.stl": (b"/annex/objects/SHA256E-s12--01.stl\n", "is a pointer of git-annex in place of the file"),
+    "picture.stl": (b"\x89PNG\r\n\x1a\n" + bytes(300), "is a picture"),
+    "link.stl": (b"L\0\0\0\1\x14\2\0" + bytes(200), "is a shortcut of Windows"),
+    "text.stl": (b'{"asset": {"version": "2.0"}}', "is a text, but no STL"),
+    "zeros.stl": (bytes(300), "no triangles, but a closed surface is needed; export or copy it again"),
     "page.stl": (b"<!DOCTYPE html><html><body>Sign in</body></html>", "is a page of the web"),
     "packed.ply": (b"PK\x03\x04" + b"\0" * 200, "is a zip archive: unpack it"),
     "packed.obj": (b"\x1f\x8b\x08" + b"\0" * 200, "is compressed by gzip"),

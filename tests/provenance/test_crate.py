@@ -191,12 +191,6 @@ def test_what_older_code_made_is_told(run, capsys):
     assert said(capsys, run, "--any-code")[0] == 0
 
 
-def test_code_is_not_compared_between_versions_of_python(told, capsys, monkeypatch):
-    monkeypatch.setattr("platform.python_version", lambda: "3.99.1")
-    code, text = said(capsys, told)
-    assert code == 0 and text.startswith("code: not compared")
-
-
 CANNOT = {
     "no crate": (lambda run: (run / CRATE).unlink(), f"has no {CRATE} .*snakemake -j2 outputs/tiny/draft/{CRATE}"),
     "half a crate": (lambda run: (run / CRATE).write_text('{"@graph": ['), "is damaged or no crate of a run"),

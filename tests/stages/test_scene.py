@@ -286,6 +286,7 @@ BAD = {
                                 "initial: {shape: at_rest, fill: {aqueous: 0.5, silicone_oil_1000: 0.5}}",
                                 "is known for contact angles from 5 to 45 deg, not 90 deg; write level"),
     "mesh without file": ("eye: {model: mesh}", "eye.path is missing"),
+    "mesh that is a folder": ("eye: {model: mesh, path: .}", 'eye.path is ".", but that is a folder beside the scene'),
     "mesh that is missing": ("eye: {model: mesh, path: no.stl}", 'eye.path is "no.stl", but there is no such file'),
     "mesh for parametric": ("eye: {path: tiny.yaml}", "model is parametric"),
     "eye of a whale": ("eye: {axial_length: 24}", "is 24, but must be at least 0.015 m and at most 0.04 m"),

@@ -51,6 +51,17 @@ def test_every_stage_ends_in_the_sentence():
                            "(did you mean quadrants?)\n")
 
 
+def test_settings_for_other_programs_of_the_library_change_nothing():
+    """They gave other results in silence, a traceback or a crash."""
+    code = ("from sim.backend import runtime, private\nruntime.initialize()\nconfig = private.current_config()\n"
+            "print(config.fast_math, config.debug, config.advanced_optimization, runtime.device())")
+    said = {subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True,
+                           env=os.environ | settings).stdout
+            for settings in ({}, {choice.library().variable(name): value for name, value in (
+                ("arch", "vulkan"), ("fast_math", "0"), ("debug", "1"), ("advanced_optimization", "0"))})}
+    assert len(said) == 1
+
+
 def test_version_is_that_of_the_package():
     """As it is installed, not as it was last tried."""
     name, version = backend_version().split()
