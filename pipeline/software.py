@@ -16,6 +16,7 @@ from pipeline.base.cli import run
 from pipeline.base.files import write_text
 from pipeline.base.packages import Package, packages
 
+HERE = Path(__file__).parent
 HEADS = ("name", "version", "license")
 
 
@@ -43,13 +44,10 @@ def table_of(found: Sequence[Package]) -> str:
 
 def page_of(found: Sequence[Package]) -> str:
     """Return the packages as a page."""
-    counts = Counter(one.license for one in found).most_common()
-    return page.page("Software", [
-        page.paragraph(f"Python {platform.python_version()} on {platform.platform()}, {len(found)} packages, with the "
-                       "license that each states itself."),
-        page.table(HEADS, [(one.name, one.version, one.license) for one in found], words=(1, 2)),
-        page.section("Licenses"), page.table(("license", "packages"), counts),
-    ])
+    return page.page("Software", [page.rendered(
+        HERE / "software.html", python=platform.python_version(), system=platform.platform(), heads=HEADS,
+        packages=[(one.name, one.version, one.license) for one in found],
+        licenses=Counter(one.license for one in found).most_common())])
 
 
 if __name__ == "__main__":
