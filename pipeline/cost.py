@@ -80,7 +80,7 @@ def page_of(scene: Scene, found: Sequence[ExpectedError], lines: Sequence[tuple[
     return page.page(f"{title}: cost", [page.rendered(
         HERE / "cost.html", scene=scene, lines=lines if predicted else [line[:3:2] for line in lines],
         predicted=predicted, remark=remark if predicted else "",
-        errors=[f"{one.quantity}: {one.words} ({one.source})" for one in found])], heading=title, path=path)
+        errors=[f"{one.quantity}: {one.words} ({one.source})" for one in found])], path=path)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

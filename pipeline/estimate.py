@@ -90,7 +90,7 @@ def html_of(found: Estimate, path: Path | None = None) -> str:
     return page.page(f"{found.title}: estimate", [page.rendered(
         HERE / "estimate.html", how=HOW, heads=("", *(level.accuracy for level in found.levels)), lines=lines,
         notes=[f"{level.accuracy}: {note}." for level in found.levels for note in notes(level)])],
-        heading=found.title, path=path)
+        path=path)
 
 
 def json_of(found: Estimate) -> str:

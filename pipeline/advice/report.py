@@ -109,7 +109,7 @@ def html_of(report: Report, path: Path | None = None) -> str:
     return page.page(f"{report.title}: advice", [page.rendered(
         HERE / "report.html", report=report, disclaimer=DISCLAIMER, sections=_sections(report), off=OFF,
         advice={heading: [one for one in report.advice if one.level == level] for level, heading in HEADINGS.items()})],
-        heading=report.title, path=path)
+        path=path)
 
 
 def json_of(report: Report) -> str:

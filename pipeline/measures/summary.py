@@ -37,7 +37,7 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
         spacing=f"{1e3 * scene.numerics.particle_spacing:g}", rest=f"{rest[:1].upper()}{rest[1:]}",
         breaks=breaks_over_time(courses), curves=charts(curves(shown, table[TIME], events)), changing=changing(shown),
         constant=constant(shown) if any(one.constant for one in shown) else "")
-    write_text(path, page.page(f"{title}: metrics", [chart_library(), body], heading=title, path=path,
+    write_text(path, page.page(f"{title}: metrics", [chart_library(), body], path=path,
                                style=chart_style(), head=POLICY))
 
 

@@ -109,7 +109,7 @@ def _of_oil(question: Question, words: str, same: Sequence[Answer]) -> str:
                     if one.covers(question.largest_fill))
     without = [posture_words(one.posture) for one in same if one is not asked
                and not one.covers(question.largest_fill)]
-    return said + (f"; not when {in_a_row(without)}." if without else ".")
+    return said + (f"; not covered when {in_a_row(without)}." if without else ".")
 
 
 def eye_words(eye: Eye) -> str:

@@ -181,7 +181,7 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
     found = answers(asked, tables, 11.3e-3)
     light, heavy = report.verdict(asked, found)
     assert light == ("Light oil (silicone oil 1000, 1300, 2000 and 5000), patient upright: 93 % (91 to 95 %) of the "
-                     "cavity; least when prone, 67 % (62 to 73 %); not when supine.")
+                     "cavity; least when prone, 67 % (62 to 73 %); not covered when supine.")
     assert heavy == "Heavy oil (Densiron 68), patient upright: at most 50 % of the cavity."
     lines = report.rows(asked, found)
     assert [line[0].partition(" (")[0] for line in lines] == 5 * ["light oil"] + 5 * ["heavy oil"]

@@ -91,7 +91,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         "Shaded: eyes with a changed wall, and the mesh.")
     why = [sentence for name in eyes.of_group("wall") if (sentence := _why_in_front(eyes, name))]
     return QuestionPage(
-        description=f"{description} {eyes.shown:g} % of the cavity are oil, the rest is aqueous. What it touches "
+        description=f"{description} {eyes.shown:g} % of the cavity is oil, the rest is aqueous. What it touches "
                     f"in the {first} patient, in percent of the area:",
         answers=findings(eyes),
         picture=picture,
@@ -115,15 +115,15 @@ def findings(eyes: Eyes) -> list[str]:
     lengths = eyes.of_group("length")
     if len(lengths) > 1:
         values = [eyes.at(name, first, "retina").value for name in lengths]
-        words = ", ".join(f"{name}: {value:.0f} %" for name, value in zip(lengths, values, strict=True))
+        words = ", ".join(f"{value:.0f} % at {name}" for name, value in zip(lengths, values, strict=True))
         short, long = (eyes.volumes[lengths[end]].value for end in (0, -1))
-        found.append(f"Length. {words} of the retina, {_way(values)}. A longer eye needs more oil for "
+        found.append(f"Length: of the retina the oil touches {words}, {_way(values)}. A longer eye needs more oil for "
                      f"the same share: the cavity holds {short:.1f} mL in the shortest and {long:.1f} mL in the "
                      "longest.")
     for group in [group for group in GROUPS if group != "length" and eyes.of_group(group)]:
         told = [f"{name}: {eyes.at(name, first, 'retina').value:.0f} % of the retina, "
                 f"{eyes.at(name, first, 'inferior').value:.0f} % of its inferior half" for name in eyes.of_group(group)]
-        found.append(f"{GROUPS[group].capitalize()}. {'; '.join(told)}.")
+        found.append(f"{GROUPS[group].capitalize()}: {'; '.join(told)}.")
     return found
 
 
