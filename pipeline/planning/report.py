@@ -197,7 +197,7 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequenc
     """
     return page.page("Which fill, oil and posture cover the break?", [page.rendered(
         HERE / "report.html", no_advice=NO_ADVICE, place=question.place.words(eye.side),
-        verdict=verdict(question, found), checked=CHECKED, assumed=assumptions(question, eye),
+        eye=eye_words(eye), verdict=verdict(question, found), checked=CHECKED, assumed=assumptions(question, eye),
         maps=[(f"{_brief(question, found, answer)}, {posture_words(answer.posture)}", fill_needed(question, answer),
                _touched(answer), source) for answer, source in maps],
         table=page.table(HEADS, rows(question, found), words=WORDS, marked=not_covered(question, found)),

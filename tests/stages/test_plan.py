@@ -209,6 +209,30 @@ def test_what_an_eye_without_tables_takes_is_said_before_it_begins(tmp_path, mon
     assert capsys.readouterr().err.count("shapes of oil at rest, about") == 0
 
 
+def test_a_fill_between_those_of_the_tables_is_looked_at_in_an_eye_that_is_not_the_shipped_one(tmp_path, monkeypatch):
+    """The edge of the oil may jump in a mesh, and a map must not show bare what the answer calls covered."""
+    shipped = next(iter(read_tables(MAP).values()))
+    monkeypatch.setattr(search, "touch_of", lambda *rest: shipped)
+    asked, looked = question(read_break("6h,60deg", "2h")), []
+
+    def covers(self, case, points, fill):
+        looked.append(fill)
+        return fill > 0.935
+
+    monkeypatch.setattr(Tables, "covers", covers)
+    case = asked.liquids(*asked.oils.values()), "upright"
+    points = asked.place.points(0.0)
+    first = shipped.fill_for(*points)
+    found = Tables(dataclasses.replace(Eye(), axial_length=25e-3), tmp_path).fill_for(case, points)
+    assert looked[0] == first < 0.935 < found < 0.935 + 0.5 * search.FILL_ERROR
+    answer, = answers(asked, Tables(dataclasses.replace(Eye(), axial_length=25e-3), tmp_path), 11.3e-3)
+    assert answer.fill == found and answer.low < answer.fill < answer.high
+    count = len(looked)
+    assert Tables(Eye(), tmp_path).fill_for(case, points) < 0.935 and len(looked) == count, "tables of a smooth eye"
+    monkeypatch.setattr(Tables, "covers", lambda *rest: False)
+    assert Tables(dataclasses.replace(Eye(), axial_length=25e-3), tmp_path).fill_for(case, points) == 1.0
+
+
 # The stage
 
 @pytest.mark.thorough
