@@ -14,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.initial_state import load_initial
 from pipeline.cavity.surface import cavity_volume
+from pipeline.scenes.effects import OFF
 from pipeline.scenes.folders import scene_file
 from pipeline.scenes.load import load_resolved, load_scene
 
@@ -22,7 +23,7 @@ FORMATS = {"text": text_of, "html": html_of, "json": json_of}
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.advise", description=__doc__,
+    parser = argparse.ArgumentParser(prog="python -m pipeline.advise", description=__doc__, epilog=f"{OFF}.",
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=scene_file, help="scene, by its name or file, or a resolved scene (.json)")
     parser.add_argument("--accuracy", help="accuracy level of a scene file (default: `accuracy` of config.yaml)")

@@ -25,6 +25,7 @@ from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.model import Scene
 
+HERE = Path(__file__).parent
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
 
@@ -76,21 +77,10 @@ def page_of(scene: Scene, found: Sequence[ExpectedError], lines: Sequence[tuple[
             path: Path | None = None, remark: str = "", *, predicted: bool = True) -> str:
     """Return the page, to be written to a file; ``found`` are the errors to expect."""
     title = scene.title or scene.name
-    errors = [f"expected error, {one.quantity}: {one.words} ({one.source})" for one in found]
-    if not errors:
-        errors = ["expected error: unknown; the accuracy study has no case whose effects are all in this scene."]
-    return page.page(f"{title}: cost", [
-        page.paragraph(
-            f"Accuracy {scene.accuracy}.", remark if predicted else "",
-            "The prediction holds for a computer that does nothing else; stages that run side by side change the "
-            "clock." if predicted else
-            f"Nothing was predicted: `snakemake -j2 outputs/{scene.name}/{scene.accuracy}/estimate.html` asks for it.",
-            "The error of a run is known only where there is an exact solution: the one expected is that of the "
-            "accuracy study."),
-        page.table(("what", "predicted", "real", "predicted / real"), lines) if predicted else
-        page.table(("what", "real"), [(name, real) for name, _, real, _ in lines]),
-        page.bullets(errors),
-    ], heading=title, path=path)
+    return page.page(f"{title}: cost", [page.rendered(
+        HERE / "cost.html", scene=scene, lines=lines if predicted else [line[:3:2] for line in lines],
+        predicted=predicted, remark=remark if predicted else "",
+        errors=[f"{one.quantity}: {one.words} ({one.source})" for one in found])], path=path)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

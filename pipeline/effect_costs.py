@@ -15,6 +15,7 @@ from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
 
+HERE = Path(__file__).parent
 COLUMNS = {"part": "", "fields": "Taichi fields", "bytes": "memory of the fields", "kernels": "kernels compiled",
            "launches_per_step": "kernel launches per step", "cpu_seconds": "time of all cores, s",
            "seconds": "time by the clock, s", "cpu_share": "share of the time of all cores",
@@ -58,22 +59,11 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict], path: 
               f"{row['launches_per_step']:.1f}", f"{1e3 * row['cpu_seconds'] / timed:.3f}",
               f"{100 * row['cpu_share']:.1f} %", row["hooks"].replace("_", " ")) for row in rows]
     title = scene.title or scene.name
-    devices = dict.fromkeys(segment["device"] for segment in segments)
-    owned = sum(row["bytes"] for row in rows)
-    steps = sum(segment["steps"] for segment in segments)
-    return page.page(f"{title}: effects", [
-        page.paragraph(
-            f"Accuracy {scene.accuracy}: {last['particles']} particles, {steps} steps, {len(segments)} segments, "
-            f"{scene.numerics.scheme} on {' and '.join(devices)}.",
-            f"These parts hold {owned / 2**20:.2f} of the {last['allocated_bytes'] / 2**20:.2f} MiB that Taichi has "
-            "allocated.",
-            "The time of an effect's part of the loop of all effects counts for the solver; a field that two effects "
-            "share counts for the first."),
-        page.table(heads, cells, words=[7]),
-        *(page.paragraph(f"{note}.") for note in last["notes"]),
-        page.paragraph("Not called for, so that nothing of them is allocated, compiled or launched: "
-                       f"{', '.join(absent(scene))}."),
-    ], heading=f"{title}: what its effects cost", path=path)
+    return page.page(f"{title}: effects", [page.rendered(
+        HERE / "effect_costs.html", scene=scene, last=last, steps=sum(segment["steps"] for segment in segments),
+        segments=len(segments), devices=list(dict.fromkeys(segment["device"] for segment in segments)),
+        owned=f"{sum(row['bytes'] for row in rows) / 2**20:.2f}", allocated=f"{last['allocated_bytes'] / 2**20:.2f}",
+        heads=heads, cells=cells, absent=absent(scene))], heading=f"{title}: what its effects cost", path=path)
 
 
 def write_csv(path: Path, rows: Sequence[dict]) -> None:

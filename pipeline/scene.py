@@ -8,6 +8,7 @@ from pipeline.base.files import write_text
 from pipeline.cavity.surface import cavity_volume
 from pipeline.scenes.checks import doubts
 from pipeline.scenes.description import postures_in_words
+from pipeline.scenes.effects import OFF
 from pipeline.scenes.folders import scene_file, scene_paths
 from pipeline.scenes.listing import entries_of, markdown_of, text_of
 from pipeline.scenes.load import PROJECT_CONFIG, load_accuracy_levels, load_scene
@@ -27,7 +28,7 @@ def _write(text: str, output: Path | None) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.scene", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m pipeline.scene", description=__doc__, epilog=f"{OFF}.")
     parser.add_argument("scene", type=scene_file, nargs="?", help="scene, by its name or file")
     parser.add_argument("--accuracy", help="accuracy level (default: `accuracy` of config.yaml)")
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")

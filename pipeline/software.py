@@ -17,6 +17,7 @@ from pipeline.base.files import write_text
 from pipeline.base.packages import Package, packages
 from pipeline.web.scripts import LIBRARIES
 
+HERE = Path(__file__).parent
 HEADS = ("name", "version", "license")
 
 
@@ -44,14 +45,11 @@ def table_of(found: Sequence[Package]) -> str:
 
 def page_of(found: Sequence[Package]) -> str:
     """Return the packages as a page."""
-    counts = Counter(one.license for one in found).most_common()
-    return page.page("Software", [
-        page.paragraph(f"Python {platform.python_version()} on {platform.platform()}, with the license that each "
-                       "package states itself. Pages contain "
-                       f"{' and '.join(one.name for one in LIBRARIES)}, listed last."),
-        page.table(HEADS, [(one.name, one.version, one.license) for one in found], words=(1, 2)),
-        page.section("Licenses"), page.table(("license", "packages"), counts),
-    ])
+    return page.page("Software", [page.rendered(
+        HERE / "software.html", python=platform.python_version(), system=platform.platform(), heads=HEADS,
+        libraries=" and ".join(one.name for one in LIBRARIES),
+        packages=[(one.name, one.version, one.license) for one in found],
+        licenses=Counter(one.license for one in found).most_common())])
 
 
 if __name__ == "__main__":

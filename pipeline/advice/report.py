@@ -8,12 +8,14 @@ from pipeline.advice.dimensionless_numbers import dimensionless_numbers, scales_
 from pipeline.advice.rules import advice
 from pipeline.advice.time_step_limits import deciding_limit, step_count, time_step_limits
 from pipeline.base import page
+from pipeline.scenes.effects import OFF
 from pipeline.scenes.model import Scene
 from pipeline.scenes.timeline import timeline_in_words
 from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, shown
 from sim.scales import Scales
 
 HEADINGS = {WARNING: "Warnings", SEEN_EFFECT: "What matters", NOTE: "Notes"}
+HERE = Path(__file__).parent
 DISCLAIMER = ("Estimates of an order of magnitude: one length L and one speed U stand for the whole scene, and U is "
               "the largest that the scene can give its liquids.")
 
@@ -100,21 +102,15 @@ def text_of(report: Report) -> str:
     for level, heading in HEADINGS.items():
         chosen = [one for one in report.advice if one.level == level]
         lines += [heading] * bool(chosen) + [f"  {one.effect}: {one.sentence}." for one in chosen]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, f"{OFF}."]) + "\n"
 
 
 def html_of(report: Report, path: Path | None = None) -> str:
     """Return the report as a page, to be written to a file."""
-    parts = [page.paragraph(f"Accuracy {report.accuracy}. {DISCLAIMER}"),
-             page.paragraph(page.bold("Timeline:"), f"{report.timeline}.") if report.timeline else ""]
-    for level, heading in HEADINGS.items():
-        chosen = [one for one in report.advice if one.level == level]
-        parts += [page.section(heading), page.bullets([page.bold(one.effect) + f": {one.sentence}." for one in chosen])
-                  ] * bool(chosen)
-    for heading, rows in _sections(report):
-        parts += [page.section(heading), page.table(("name", "number", "meaning"), rows, words=[2])]
-    parts.append(page.paragraph(f"Time step {report.cost}."))
-    return page.page(f"{report.title}: advice", parts, heading=report.title, path=path)
+    return page.page(f"{report.title}: advice", [page.rendered(
+        HERE / "report.html", report=report, disclaimer=DISCLAIMER, sections=_sections(report), off=OFF,
+        advice={heading: [one for one in report.advice if one.level == level] for level, heading in HEADINGS.items()})],
+        path=path)
 
 
 def json_of(report: Report) -> str:

@@ -102,6 +102,10 @@ def table(heads: Sequence[object], rows: Sequence[Sequence[object]], words: Iter
     return Markup(_TABLE.render(heads=heads, rows=rows, words=set(words), marked=set(marked)))
 
 
+# What templates call by name.
+_TEMPLATES.globals |= {"bullets": bullets, "table": table}
+
+
 def picture(png: bytes, description: str) -> Markup:
     """Return a picture that the page holds itself."""
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(description, base64.b64encode(png).decode())

@@ -12,11 +12,11 @@ from pipeline.base.tables import TIME
 from pipeline.base.words import duration, in_a_row
 from pipeline.comparison.levels import ALL_CORES, BESIDE_COST, CLOCK, Change, cost, in_short, last_pictures, of_level
 from pipeline.measures.least_energy import LeastEnergy
-from pipeline.pages.embedded import data_url, webp
 from pipeline.pictures.moments import read_picture, scaled
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words
 from pipeline.web.chart import Chart, Series, chart_library, chart_style, charts
+from pipeline.web.embedded import data_url, webp
 from pipeline.web.scripts import POLICY
 
 PICTURE_WIDTH = 1280  # pixels

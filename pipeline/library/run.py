@@ -16,7 +16,6 @@ from pipeline.library.changes import changed_scene
 from pipeline.library.metrics_table import MetricsTable
 from pipeline.library.workflow_call import make
 from pipeline.measures.shown import shown_metrics
-from pipeline.pages.embedded import data_url, webp
 from pipeline.pages.headlines import headlines_of
 from pipeline.pages.run_page import ILLUSTRATION
 from pipeline.runs.run_folder import RunFolder
@@ -26,6 +25,7 @@ from pipeline.scenes.folders import SCENES, scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.saved_frame import SavedFrame
+from pipeline.web.embedded import data_url, webp
 from pipeline.workflow.command import project_folder
 from sim.cores import available_cores
 

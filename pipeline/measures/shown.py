@@ -11,6 +11,7 @@ from pipeline.measures.metric import Metric
 DIGITS = 3
 ROUND_OFF = 1e-9  # shares and counts below it are none
 WITH_PREFIX = ("J", "Pa", "s")
+METERS = {"mm": "m", "mm/s": "m/s"}  # in containers, from a thousand on
 UNITS = {"1": "", "cm2": "cm²", "um": "µm"}  # that readers write in another way
 PREFIXES = {1.0: "", 1e-3: "m", 1e-6: "µ", 1e-9: "n", 1e-12: "p"}
 
@@ -121,6 +122,9 @@ def _shown(metric: Metric, columns: Mapping[str, str], table: Mapping[str, np.nd
         factor = next((one for one in PREFIXES if largest >= one), min(PREFIXES))
         unit, largest = PREFIXES[factor] + unit, largest / factor
         values = {part: numbers / factor for part, numbers in values.items()}
+    if unit in METERS and largest >= 1e3:
+        unit, largest = METERS[unit], 1e-3 * largest
+        values = {part: 1e-3 * numbers for part, numbers in values.items()}
     curves = []
     for part, numbers in values.items():
         decimals = min(_decimals(_largest(numbers)), _decimals(largest) + 1)

@@ -17,6 +17,8 @@ from pipeline.scenes.model import Scene
 from pipeline.web.chart import chart_library, chart_style, charts
 from pipeline.web.scripts import POLICY
 
+HERE = Path(__file__).parent
+
 
 def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.ndarray], scene: Scene,
                   events: Sequence[Event] = (), courses: Sequence[Course] = (), rest: str = "") -> None:
@@ -30,21 +32,13 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
     rest : whether it is at rest at its end, in words.
     """
     title, illustrated = scene.title or scene.name, illustration_in_words(scene)
-    write_text(path, page.page(f"{title}: metrics", [
-        chart_library(),
-        page.paragraph(scene.description),
-        page.paragraph(page.bold(scene.label), f"{illustrated}.") if illustrated else "",
-        page.paragraph(f"{len(table['frame'])} frames, accuracy {scene.accuracy}, particle spacing "
-                       f"{1e3 * scene.numerics.particle_spacing:g} mm."),
-        page.paragraph(f"{rest[:1].upper()}{rest[1:]}." if rest else ""),
-        *breaks_over_time(courses),
-        charts(curves(shown, table[TIME], events)),
-        page.paragraph("What changes, the most interesting first. ± is half of what is within one particle spacing of "
-                       "the contact line, as are the bands in the plots."),
-        changing(shown),
-        *([page.section("Constant"), page.paragraph("Within the digits shown these do not change, and have no plot."),
-           constant(shown)] if any(one.constant for one in shown) else []),
-    ], heading=title, path=path, style=chart_style(), head=POLICY))
+    body = page.rendered(
+        HERE / "summary.html", scene=scene, illustrated=illustrated, frames=len(table["frame"]),
+        spacing=f"{1e3 * scene.numerics.particle_spacing:g}", rest=f"{rest[:1].upper()}{rest[1:]}",
+        breaks=breaks_over_time(courses), curves=charts(curves(shown, table[TIME], events)), changing=changing(shown),
+        constant=constant(shown) if any(one.constant for one in shown) else "")
+    write_text(path, page.page(f"{title}: metrics", [chart_library(), body], path=path,
+                               style=chart_style(), head=POLICY))
 
 
 def breaks_over_time(courses: Sequence[Course]) -> list[Markup]:

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 import numpy as np
 from PIL import Image
 
-from pipeline.pages.embedded import data_url, webp
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, clock, reduce
 from pipeline.pictures.moments import evenly_chosen
 from pipeline.pictures.paint import paint_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.retina import globe_radius
+from pipeline.web.embedded import data_url, webp
 
 MOMENTS = 6
 SIZE = 300  # pixels

@@ -20,7 +20,6 @@ from pipeline.measures.place_course import courses_of
 from pipeline.measures.rest import rest_in_words
 from pipeline.measures.shown import Shown
 from pipeline.measures.summary import breaks_over_time, changing, constant
-from pipeline.pages.embedded import data_url, webp
 from pipeline.pages.fundus_strip import fundus_strip
 from pipeline.pages.headlines import Headline, headlines_of
 from pipeline.pages.movie_copy import movie_within
@@ -33,6 +32,7 @@ from pipeline.scenes.effects import illustration_in_words, knows_films
 from pipeline.scenes.timeline import inherited, timeline_of, when
 from pipeline.simulation.cost_files import read_costs
 from pipeline.web.chart import Bar, bars, chart_library, chart_style, charts
+from pipeline.web.embedded import data_url, webp
 from pipeline.web.scripts import POLICY, called, library
 from sim.backend.choice import library as library_of_kernels
 from sim.effects import REGISTRY
@@ -204,8 +204,7 @@ def _errors(errors: Sequence[ExpectedError], *, of_eye: bool) -> Markup:
     unknown = "" if first or not of_eye else "The error of the covered retina at this particle spacing is unknown."
     return Markup("\n").join([
         *(page.paragraph(one) for one in first), page.paragraph(unknown),
-        *([page.details(f"{len(others)} other errors, of simpler flows at this spacing", page.bullets(others))]
-          if others else [])])
+        *([page.details("Errors of simpler flows at this spacing", page.bullets(others))] if others else [])])
 
 
 def _simulated(run: RunFolder, advice: Report) -> list[Markup]:

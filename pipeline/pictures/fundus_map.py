@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw
 from scipy.sparse import csr_matrix
 from scipy.spatial import Delaunay
 
+from pipeline.base.numbers import digits_of, plain, with_uncertainty
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, diamond, enlarged, final_pixels, level_lines, write
 from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
@@ -26,6 +27,7 @@ EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
 STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the stripes on films
+DECIMALS = 1            # digits after the point of a share, percent, at most: those of the page
 BREAK_COLOR, HALO = (214, 39, 40), (255, 255, 255)
 WHITE = np.full(3, 255.0, np.float32)
 
@@ -39,16 +41,21 @@ class Coverage:
     film: float | None = None
 
     def __str__(self) -> str:
-        doubt = f"{100 * self.uncertainty:.0f}"
-        return f"{100 * self.covered:.0f}{'' if doubt == '0' else f' ± {doubt}'} %"
+        return f"{with_uncertainty(100 * self.covered, 100 * self.uncertainty, DECIMALS)} %"
+
+    @property
+    def short(self) -> str:
+        """The share in the same digits, without its uncertainty."""
+        return f"{plain(100 * self.covered, digits_of(100 * self.uncertainty, DECIMALS))} %"
 
     @property
     def parts(self) -> str:
         """What of it oil touches and what is over films, in words whose numbers add up; empty where not known."""
         if self.film is None:
             return ""
-        film = round(100 * self.film)
-        return f"touches {round(100 * self.covered) - film} %, on a thin film {film} %"
+        film = round(100 * self.film, DECIMALS)
+        return (f"touches {plain(round(100 * self.covered, DECIMALS) - film, DECIMALS)} %, on a thin film "
+                f"{plain(film, DECIMALS)} %")
 
 
 def disc_direction(globe: float, right_eye: bool) -> np.ndarray:
@@ -217,7 +224,7 @@ class FundusMap:
         for side, x, anchor in ((left, 1.0 * u, "l"), (right, width - 1.0 * u, "r")):
             for up, y in (("superior", self.center[1] - reach), ("inferior", self.center[1] + reach - 2.6 * text)):
                 share = quadrants.get(f"{up}_{side}")
-                lines = (up, side) if share is None else (f"{100 * share.covered:.0f} %", up, side)
+                lines = (up, side) if share is None else (share.short, up, side)
                 for row, line in enumerate(lines if up == "superior" else (up, side, *lines[:-2])):
                     bold = line.endswith("%")
                     write(pen, (x, y + 1.2 * text * row), line, (1.2 if bold else 0.9) * text, bold=bold,

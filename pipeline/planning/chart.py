@@ -1,5 +1,4 @@
 """Maps of the fundus: what oil at rest touches, and breaks."""
-import io
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,6 +10,7 @@ from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.scenes.retina import Patch
+from pipeline.web.embedded import data_url, webp
 
 SIZE = (560, 460)           # pixels
 UNCERTAIN = 0.3e-3          # m, of the contact line, on either side: 2,562 directions against 10,242
@@ -28,11 +28,9 @@ class Charts:
         self._map = FundusMap(wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
                               outlines={name: one.outline() for name, one in breaks.items()})
 
-    def png(self, rest: Rest) -> bytes:
-        """Return the map of a shape at rest in this cavity, as a file."""
-        file = io.BytesIO()
-        self.draw(rest).save(file, "PNG")
-        return file.getvalue()
+    def address(self, rest: Rest) -> str:
+        """Return the map of a shape at rest in this cavity as an address that holds it."""
+        return data_url(webp(self.draw(rest)), "image/webp")
 
     def draw(self, rest: Rest) -> Image.Image:
         """Return the map of a shape at rest in this cavity."""

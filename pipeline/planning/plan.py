@@ -14,7 +14,17 @@ from pipeline.equilibrium.star_cavity import cavity_of, levels_of
 from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
-from pipeline.planning.report import heads, html_of, rows, text_of, verdict
+from pipeline.planning.report import (
+    HEADS,
+    WORDS,
+    by_oil,
+    html_of,
+    not_covered,
+    rows,
+    shown_first,
+    text_of,
+    verdict,
+)
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye
@@ -22,7 +32,7 @@ from pipeline.scenes.reader import Errors, Reader, nearest
 from sim.parameters import parameter
 
 Record = TypeVar("Record")
-MAPS = 4    # answers that the page draws
+MAPS = 6    # answers that the page draws
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,12 +61,13 @@ class Plan:
         return text_of(self.question, self.answers, self.eye)
 
     def page(self) -> str:
-        """Return all as a page, with maps of the fundus for the best answers."""
+        """Return all as a page, with maps of the fundus: of every oil in the first posture, and in the best one."""
         cavity, question = cavity_of(self.eye), self.question
         charts = Charts(cavity.wall, {"": question.place}, self.eye.side == "right")
-        maps = [charts.png(least_at_rest(cavity, question.liquids(question.oils[answer.oils[0]]),
-                                         postures()[answer.posture], min(answer.fill, question.largest_fill)))
-                for answer in self.answers[:MAPS]]
+        shown = [answer for same in by_oil(question, self.answers).values() for answer in shown_first(question, same)]
+        maps = [(answer, charts.address(least_at_rest(
+            cavity, question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
+            min(answer.fill, question.largest_fill)))) for answer in shown[:MAPS]]
         return html_of(self.question, self.answers, self.eye, maps)
 
     def scene(self) -> str:
@@ -70,12 +81,11 @@ class Plan:
         return f"<{' '.join(verdict(self.question, self.answers))}>"
 
     def _repr_html_(self) -> str:
-        first, *others = verdict(self.question, self.answers)
-        marked = [index for index, answer in enumerate(self.answers) if not answer.covers(self.question.largest_fill)]
         return str(Markup("\n").join([
             page.paragraph(f"Break: {self.question.place.words(self.eye.side)}."),
-            page.paragraph(page.bold(first), *others),
-            page.table(heads(), rows(self.answers), words=(1, 3), marked=marked), page.paragraph(NO_ADVICE)]))
+            page.bullets(verdict(self.question, self.answers)),
+            page.table(HEADS, rows(self.question, self.answers), words=WORDS,
+                       marked=not_covered(self.question, self.answers)), page.paragraph(NO_ADVICE)]))
 
 
 def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", oils: Sequence[str] | None = None,

@@ -4,6 +4,7 @@ The tables of the default eye are in ``config/oil_at_rest``; those of others are
 """
 import dataclasses
 import hashlib
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,19 +12,24 @@ import numpy as np
 
 from pipeline.base.digest import call_digest
 from pipeline.base.progress import progress
+from pipeline.base.words import duration
 from pipeline.cavity.eye_files import eye_files
-from pipeline.equilibrium.rest import Liquids
+from pipeline.cavity.rays import interpolation
+from pipeline.equilibrium.contact import Contact
+from pipeline.equilibrium.rest import Liquids, least_at_rest
 from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
+from pipeline.planning.chart import UNCERTAIN
 from pipeline.planning.settings import postures
 from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.model import Eye, Material
-from pipeline.scenes.retina import Patch
+from pipeline.scenes.retina import Patch, direction
 
 MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
 #: Of a fill that is needed, with 2,562 directions against 10,242: 0.3 points on the average, 1.2 at most.
 FILL_ERROR = 0.01
+SHAPE_SECONDS = 0.25     # a shape takes on a core of 3 GHz, in the mean of fills and postures
 
 
 class Tables:
@@ -39,7 +45,8 @@ class Tables:
         self.eye = eye
         self._folder = cache / call_digest("pipeline.planning.touch", (), _values(eye))
         self._kept = read_tables(self._folder)
-        self._known = (read_tables(MAP) if dataclasses.replace(eye, side=Eye().side) == Eye() else {}) | self._kept
+        self.shipped = dataclasses.replace(eye, side=Eye().side) == Eye()
+        self._known = (read_tables(MAP) if self.shipped else {}) | self._kept
         self._cavity: StarCavity | None = None
 
     def __contains__(self, case: tuple[Liquids, str]) -> bool:
@@ -52,13 +59,42 @@ class Tables:
             self._make(missing)
         return [self._known[key_of(*case)] for case in cases]
 
+    @property
+    def cavity(self) -> StarCavity:
+        """The cavity of the eye."""
+        self._cavity = self._cavity or cavity_of(self.eye)
+        return self._cavity
+
+    def fill_for(self, case: tuple[Liquids, str], points: tuple[np.ndarray, np.ndarray]) -> float:
+        """Return the smallest fill that touches all points, meridians and latitudes (k,) in degrees.
+
+        Tables know some fills, and between them the edge of the oil may jump in an eye that is not smooth. So in any
+        eye but the shipped one the shape at that fill is looked at, and more is filled in until it covers.
+        """
+        fill = self.of([case])[0].fill_for(*points)
+        if self.shipped or not FILLS[0] < fill <= FILLS[-1] or self.covers(case, points, fill):
+            return fill
+        above = next((one for one in FILLS if one > fill and self.covers(case, points, one)), None)
+        if above is None:
+            return 1.0
+        while above - fill > 0.5 * FILL_ERROR:
+            middle = 0.5 * (fill + above)
+            fill, above = (fill, middle) if self.covers(case, points, middle) else (middle, above)
+        return above
+
+    def covers(self, case: tuple[Liquids, str], points: tuple[np.ndarray, np.ndarray], fill: float) -> bool:
+        """Tell whether the shape at rest at a fill touches all points, as far as its edge is certain."""
+        corners, weights = interpolation(self.cavity.wall, self.cavity.faces, direction(*points))
+        rest = least_at_rest(self.cavity, case[0], postures()[case[1]], fill)
+        return rest.settled and float((Contact.of(rest).margin[corners] * weights).sum(axis=1).min()) > -UNCERTAIN
+
     def _make(self, cases: Iterable[tuple[Liquids, str]]) -> None:
         cases = list(cases)
         with progress(2 * len(FILLS) * len(cases), "oil at rest", unit="shape") as bar:
-            self._cavity = self._cavity or cavity_of(self.eye)
+            cavity = self.cavity
             for liquids, posture in cases:
                 bar.set_postfix_str(posture.replace("_", " "))
-                self._kept[key_of(liquids, posture)] = touch_of(self._cavity, liquids, postures()[posture], bar.update)
+                self._kept[key_of(liquids, posture)] = touch_of(cavity, liquids, postures()[posture], bar.update)
                 write_tables(self._folder, self._kept)
         self._known |= self._kept
 
@@ -127,7 +163,11 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
     for name, oil in question.oils.items():
         alike.setdefault(question.liquids(oil), []).append(name)
     cases = [(liquids, posture) for liquids in alike for posture in question.postures]
-    fills = [table.fill_for(*points) for table in tables.of(cases)]
+    missing = sum(case not in tables for case in cases)
+    if missing:
+        _announce(2 * len(FILLS) * (missing + len(question.other_angles)))
+    tables.of(cases)  # all at once, with one progress
+    fills = [tables.fill_for(case, points) for case in cases]
     best = cases[int(np.argmin(fills))]
     found = []
     for case, fill in zip(cases, fills, strict=True):
@@ -137,9 +177,15 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
         possible = [one.fill_for(*points, by_both) for one in (table, *tables.of(others)) for by_both in (False, True)
                     ] if known else []
         shares = table.shares_at(min(fill, question.largest_fill))
-        low, high = (min(possible) - FILL_ERROR, min(max(possible) + FILL_ERROR, 1.0)) if known else (None, None)
+        low, high = (min(possible) - FILL_ERROR, min(max(*possible, fill) + FILL_ERROR, 1.0)) if known else (None, None)
         found.append(Answer(tuple(alike[case[0]]), case[1], fill, low, high, shares))
     return sorted(found, key=lambda answer: answer.fill)
+
+
+def _announce(shapes: int) -> None:
+    """Say on standard error, before it begins, how long an eye without tables takes."""
+    print(f"This eye has no tables yet: {shapes} shapes of oil at rest, about {duration(SHAPE_SECONDS * shapes)} of "
+          "one core. Fewer oils and postures take less; what is done is kept.", file=sys.stderr, flush=True)
 
 
 def write_map(question: Question, folder: Path = MAP) -> int:

@@ -33,6 +33,7 @@ from sim.effects import REGISTRY
 ALIKE = 1e-4                # directions of gravity that differ by less are one posture
 MOST_POSTURES = 100         # each takes about a second and a half
 MAPS = 12                   # that a page draws
+HERE = Path(__file__).parent
 SHOWN = ("retina", "superior", "inferior", "macula")
 
 
@@ -204,10 +205,10 @@ def _break_words(hold: Hold, name: str) -> str:
 
 def sentences(sequence: Sequence) -> list[str]:
     """Return what the sequence says in short."""
-    held = sum(hold.end - hold.begin for hold in sequence.holds)
+    oil, held = sequence.oil.replace("_", " "), sum(hold.end - hold.begin for hold in sequence.holds)
     mean = sum(hold.shares["retina"] * (hold.end - hold.begin) for hold in sequence.holds) / held
-    found = [f"{sequence.oil}, {100 * sequence.fill:.1f} % of the cavity, touches {100 * mean:.0f} % of the retina on "
-             f"the average of {duration(held)} in {len(sequence.holds)} postures."]
+    found = [f"{oil[:1].upper()}{oil[1:]}, {100 * sequence.fill:.1f} % of the cavity, touches {100 * mean:.0f} % of "
+             f"the retina on average over {duration(held)} in {len(sequence.holds)} postures."]
     for name in _breaks(sequence):
         (share, bare), (least, longest), (most, shortest) = (sequence.covered(name, which) for which in range(3))
         same = least == most and shortest == longest
@@ -242,19 +243,13 @@ def text_of(sequence: Sequence) -> str:
 
 def html_of(sequence: Sequence) -> str:
     """Return all as a page, with maps of the first different postures."""
-    first, *others = sentences(sequence)
     patches = sequence.scene.patches(globe_radius(sequence.cavity.wall))["breaks"]
     charts = Charts(sequence.cavity.wall, patches, sequence.scene.eye.side == "right")
     drawn = list({id(hold.rest): hold for hold in reversed(sequence.holds)}.values())[::-1][:MAPS]
     title = sequence.scene.title or sequence.scene.name
-    return page.page(f"{title}: oil at rest", [
-        page.paragraph(page.bold(NO_ADVICE)), page.paragraph(page.bold(first), *others),
-        page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),
-        page.section("What the oil touches"),
-        page.paragraph("Maps of the fundus as an observer sees it who faces the patient: ivory is touched, breaks are "
-                       "red, the edge is uncertain where it is hatched."),
-        *(part for hold in drawn for part in (page.paragraph(page.bold(hold.words)),
-                                              page.picture(charts.png(hold.rest), hold.words))),
-        page.section("Assumed"), page.bullets(assumptions(sequence)),
-        page.section("What was validated, and what was not"), page.bullets(CHECKED),
-    ], heading=title)
+    return page.page(f"{title}: oil at rest", [page.rendered(
+        HERE / "sequence.html", no_advice=NO_ADVICE, sentences=sentences(sequence),
+        maps=[(hold.words, f"{100 * hold.shares['retina']:.0f} % of the retina", charts.address(hold.rest))
+              for hold in drawn],
+        table=page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),
+        assumed=assumptions(sequence), checked=CHECKED)], heading=title)

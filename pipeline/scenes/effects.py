@@ -10,6 +10,7 @@ from sim.effects.effect import MIXES
 
 FOR_DIGESTS = "runs effects"
 SOLVES = ("pressure", *(effect.solves for effect in REGISTRY.values() if effect.solves))  # iterative, in statistics
+OFF = "To switch an effect off, even an inherited one, set it to null, as in effects: {NAME: null}"
 
 
 def known_by_an_effect(scene: Scene, hook: str) -> Any:

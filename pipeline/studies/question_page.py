@@ -1,16 +1,18 @@
 """A page that answers one question of a surgeon, to be read in two minutes.
 
-Every page says the same things in the same order: that it is no advice, the answer in one sentence, one picture, one
-table, what the answer rests on, and what its words mean. A file `<report>_page.py` of `studies` writes the page of
+Every page says the same things in the same order: the answers, one picture, that it is no advice, and, on a click, the
+tables, what the answers rest on, and what words mean. A file `<report>_page.py` of `studies` writes the page of
 the studies with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a
 folder and returns the parts of the page.
 """
 import csv
 import dataclasses
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.canvas import empty_figure
@@ -19,12 +21,14 @@ from pipeline.base.files import replacing
 from pipeline.base.words import NO_ADVICE
 from pipeline.studies.guests import guest, page_modules
 from pipeline.studies.model import Outcome
+from pipeline.web.embedded import data_url
 
 if TYPE_CHECKING:
     from pipeline.studies.family import Family
     from pipeline.studies.plan import Study
 
 Names = tuple[str, ...] | Callable[[Sequence[str]], Sequence[str]]
+HERE = Path(__file__).parent
 DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
 # What words mean, for readers who compute nothing.
 WORDS = {
@@ -52,54 +56,34 @@ WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class QuestionPage:
-    """What a page says.
+    """What a page says: answers and picture; all else opens on a click.
 
     Attributes
     ----------
-    headline : the answer, one sentence.
     description : what was asked.
+    answers : sentences, one for each thing that a reader may choose, such as an oil.
     picture, picture_words, caption : PNG, what it shows in words, and sentences below it.
-    title, heads, rows, marked, note : the table, and sentences below it.
-    more : parts between the table and what the answer rests on.
+    folded : heading -> what opens below it, such as a table.
     assumed, validated, not_validated : sentences; those of ``validated`` carry numbers and links.
     words : of ``WORDS``, that the page explains.
     """
 
-    headline: str
     description: str
+    answers: Sequence[str]
     picture: bytes
     picture_words: str
     caption: Sequence[str]
-    title: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: Sequence[str]
+    folded: Mapping[str, Markup]
     assumed: Sequence[str]
     validated: Sequence[str]
     not_validated: str
     words: Sequence[str]
-    more: Sequence[str] = ()
-    marked: Sequence[int] = ()
 
     def parts(self) -> list[str]:
         """Return the parts of the page."""
-        return [
-            page.paragraph(page.bold(NO_ADVICE), "Nothing here was compared with patients."),
-            page.paragraph(page.bold(self.headline)),
-            page.paragraph(self.description),
-            page.picture(self.picture, self.picture_words),
-            page.paragraph(*self.caption),
-            page.section(self.title),
-            page.table(self.heads, self.rows, words=(0,), marked=self.marked),
-            page.paragraph(*self.note),
-            *self.more,
-            page.section("What was assumed"),
-            page.bullets(self.assumed),
-            page.section("What was validated, and what was not"),
-            page.bullets([*self.validated, page.joined(page.bold("Not validated:"), self.not_validated)]),
-            page.section("Words"),
-            page.bullets([page.joined(page.bold(f"{word}:"), WORDS[word]) for word in self.words]),
-        ]
+        return [page.rendered(
+            HERE / "question_page.html", no_advice=NO_ADVICE, question=self,
+            picture=data_url(self.picture, "image/png"), explained={word: WORDS[word] for word in self.words})]
 
 
 def link_to(document: str) -> str:

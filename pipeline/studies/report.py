@@ -19,6 +19,7 @@ from pipeline.studies.plan import Case, Study
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
 VERDICTS = {"true": "✓", "false": "✗", "": ""}
+HERE = Path(__file__).parent
 OUTPUTS = Path("outputs/studies")
 SO_FAR = "so_far"  # folder in that of a study
 MOST_LABELS = 40  # of curves in a figure: the names of more cannot be read
@@ -156,11 +157,9 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
     words = [COLUMNS.index(column) for column in ("quantity", "unit", "error_is", "holds")]
     asked = [row for row in rows if row["holds"]]
     held = sum(row["holds"] == "true" for row in asked)
-    found = f"Accuracy {study.accuracy}: {held} of {len(asked)} rows with a tolerance hold."
-    table = page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows) if row["holds"] == "false"])
-    write_text(path, page.page(study.title, [*instead, page.details(found, table)] if instead else [
-        page.paragraph(study.description),
-        page.paragraph(found),
-        page.bullets([remark for outcome in outcomes for remark in outcome.remarks]),
-        table,
-    ], style="td,th{padding:.35em .4em}" if instead else ""))
+    found = f"{held} of {len(asked)} with a tolerance are within it" if asked else "none has a tolerance"
+    write_text(path, page.page(study.title, [page.rendered(
+        HERE / "report.html", description=study.description, accuracy=study.accuracy, found=found, instead=instead,
+        remarks=[remark for outcome in outcomes for remark in outcome.remarks],
+        numbers=page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows)
+                                                   if row["holds"] == "false"]))]))

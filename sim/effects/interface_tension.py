@@ -276,7 +276,7 @@ class InterfaceTension(Effect):
         else:
             layers = scales.gravity * scales.density_difference > 0.0
             yield Advice(NOTE, cls.name,
-                         f"is rightly left out: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
+                         f"is not needed here: with {1e3 * TYPICAL_TENSION:g} mN/m, as oil in water has, "
                          f"Bo = {bond:.3g} (it rounds the liquid below {ROUND_BOND:g}), and it moves the interface by "
                          f"{times(reach, scales)}" + ("; with 0 N/m it lets layers of unequal weight rest"
                                                       if layers else ""))

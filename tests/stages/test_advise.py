@@ -2,6 +2,7 @@
 import functools
 import json
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -353,6 +354,9 @@ def test_every_shipped_scene_is_advised(path, level):
     for one in report.advice:
         assert f"  {one.effect}: {one.sentence}.\n" in text
         assert any(character.isdigit() for character in one.sentence), one.sentence
+    for told in (text, page):
+        assert "To switch an effect off, even an inherited one, set it to null" in told
+    assert "<table" not in re.sub(r"<details.*?</details>", "", page, flags=re.DOTALL), "tables open on a click"
     tables = [report.size, report.speeds, report.numbers, report.times, report.time_step_limits]
     assert page.startswith("<!doctype html>") and page.count("<tr>") == sum(1 + len(rows) for rows in tables if rows)
     assert data["steps"] == report.steps and len(data["advice"]) == len(report.advice)

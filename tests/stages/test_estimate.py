@@ -558,11 +558,13 @@ def test_predicted_and_real_stand_side_by_side():
     rows = [(name, *cells) for name, cells in lines.items()]
     errors = errors_of(scene, CAVITY)
     page = cost.page_of(scene, errors, rows)
-    assert "predicted / real" in page and "expected error" in page and errors[0].words in page
+    assert "predicted / measured" in page and "<h2>Error to expect" in page and errors[0].words in page
     real = cost.compared(None, taken, table, 1e6, 0.1)
     assert [line[0] for line in real] == [*lines] and all(line[1] == line[3] == "" for line in real)
     page = cost.page_of(scene, errors, real, predicted=False)
-    assert "predicted / real" not in page and "outputs/still_eye/draft/estimate.html` asks for it" in page
+    assert "predicted" not in page.partition("<table>")[2].partition("</table>")[0]
+    assert "outputs/still_eye/draft/estimate.html</code> asks for it" in page
+    assert page.count("<td>") == 2 * len(real)
 
 
 def test_error_by_the_time_step_is_what_the_scene_asks_for():

@@ -505,6 +505,12 @@ def test_small_energies_have_a_prefix():
     assert shown["kinetic_energy"].unit == "nJ" and shown["kinetic_energy"].curves[0].texts()[1] == "490"
 
 
+@pytest.mark.parametrize(("largest", "unit", "text"), [(1404.0, "m/s", "1.40"), (700.0, "mm/s", "700")])
+def test_large_lengths_and_speeds_are_in_meters(largest, unit, text):
+    shown, _ = shown_of({"speed_rms [mm/s]": np.linspace(0.5, largest, 21)})
+    assert shown["speed"].unit == unit and shown["speed"].curves[0].texts()[1] == text
+
+
 @pytest.mark.thorough
 def test_bands_are_those_of_two_ends_of_an_arc(sphere):
     found = values(make_state(sphere, sphere["fluid_position"][:, 1] > 0))

@@ -126,7 +126,7 @@ def test_page_says_first_what_people_ask_for(index):
         'class="still"', "of the retina is under oil", "<video", "What was done to the eye", "Fundus over time",
         "<canvas", "<h2>Over time", "<h2>Numbers",
         "retina coverage whole</td>", "Numbers of the computation</summary>", "pressure iterations</td>",
-        "<h2>Errors to expect", "<b>covered retina at rest: within 3 points", "1 other errors",
+        "<h2>Errors to expect", "<b>covered retina at rest: within 3 points", "Errors of simpler flows",
         "laplace: pressure jump", "<h2>Cost", "What was simulated", "left out, and why", "Versions",
         "tiny.yaml</summary>", "extends: tamponade", "tamponade.yaml</summary>")]
     assert places == sorted(places)

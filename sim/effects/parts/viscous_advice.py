@@ -49,7 +49,7 @@ def rightly_missing(name: str, scales) -> Sentences:
     """Note that viscosity would not be seen in a scene without it."""
     liquid, layer = _thickest(scales)
     if not nothing_moves(scales) and not is_seen(layer, scales):
-        yield Advice(NOTE, name, f"is rightly left out: it would act in a layer of {times(layer, scales)} of {liquid} "
+        yield Advice(NOTE, name, f"is not needed here: it would act in a layer of {times(layer, scales)} of {liquid} "
                                  "at most")
 
 

@@ -85,15 +85,13 @@ def capillary_numbers(cannulas: Rows) -> tuple[float, float]:
     return min(found), max(found)
 
 
-def headline(cannulas: Rows, exchanges: Rows) -> str:
-    """Return the answer in one sentence or two."""
+def answers(cannulas: Rows, exchanges: Rows) -> list[str]:
+    """Return what takes how long, and what stays behind, in sentences."""
     own = [row for row in cannulas if row["oil"] != PUBLISHED]
-    removals = [row for row in own if row["direction"] == "out"]
-    fastest, slowest = (choose(removals, key=lambda row: float(row["time [min]"])) for choose in (min, max))
-    words = [f"Taking out what fills 85 % of the eye takes {minutes(fastest)} min with {oil_words(fastest['oil'])} "
-             f"({fastest['way'].replace('_', ' ')}) and {minutes(slowest)} min with {oil_words(slowest['oil'])} "
-             f"({slowest['way'].replace('_', ' ')}): in proportion to the viscosity, and to one over the fourth power "
-             "of the inner diameter."]
+    words = [_times(what, [row for row in own if row["direction"] == direction])
+             for what, direction in (("Removal", "out"), ("Filling", "in"))
+             if any(row["direction"] == direction for row in own)]
+    words.append("Times are in proportion to the viscosity, and to one over the fourth power of the inner diameter.")
     longer = [float(row["published [min]"]) / float(row["time [min]"]) for row in cannulas if row["oil"] == PUBLISHED]
     if longer:
         words.append(f"Surgeons took {min(longer):.1f} to {max(longer):.1f} times as long as is computed for their "
@@ -108,7 +106,16 @@ def headline(cannulas: Rows, exchanges: Rows) -> str:
         words.append(f"In a filling a tip {filling[0][0].replace('_', ' ')} loses the aqueous while "
                      f"{left_words(filling)} of the cavity are left to fill: oil fills "
                      f"{_filled(filling):.0f} % of it then.")
-    return " ".join(words)
+    return words
+
+
+def _times(what: str, own: Rows) -> str:
+    """The fastest and the slowest of some ways through a cannula."""
+    fastest, slowest = (choose(own, key=lambda row: float(row["time [min]"])) for choose in (min, max))
+    ways = [row["way"].replace("_removal", "").replace("_filling", "").replace("_", " ") for row in (fastest, slowest)]
+    said = [f"{minutes(row)} min with {oil_words(row['oil'])} ({way})"
+            for row, way in zip((fastest, slowest), ways, strict=True)]
+    return f"{what} of 85 % of the cavity: {' to '.join(dict.fromkeys(said))}."
 
 
 def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> QuestionPage:
@@ -122,26 +129,25 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
                f"{'' if numbers[LOST_AT] else '< '}{float(numbers[LEFT]):.1f}", f"{float(numbers[LARGEST]):.1f}",
                numbers[PIECES])
               for exchange in ("removal", "filling") for tip, numbers, capillary in ends(exchanges, exchange)]
+    times = page.table(("", *map(oil_words, oils)), rows, words=(0,)) + page.paragraph(
+        "In brackets: with an inner diameter 5 % larger and smaller, as makers differ. Infusion that refills the eye "
+        "is not the limit: an infusion line of 23 gauge loses 9 to 16 mmHg at 10 mL/min (Rossi et al.). All numbers "
+        "are in", page.link("cannulas.csv", "cannulas.csv"), "and", page.link("exchanges.csv", "exchanges.csv") + ".")
+    left = page.table(("", "tip", "capillary number", "left / % of the cavity", "largest piece / %", "pieces"), behind,
+                      words=[1]) + page.paragraph(
+        "In a removal oil is left, in a filling aqueous. Removals of one tip differ in their flow alone; their "
+        "difference is what the flow leaves open.")
     return QuestionPage(
-        headline(cannulas, exchanges), description, picture,
+        description, answers(cannulas, exchanges), picture,
         "Time against viscosity for every cannula, and distance of what is left from the tip",
         ["Left: minutes for 85 % of the cavity by viscosity; squares with bars are published times of removal. Right: "
          "how far the liquid that is drained is from the tip; above the dashed line the tip has lost it."],
-        "Minutes for 4.3 mL", ("", *map(oil_words, oils)), rows,
-        ["In brackets: with an inner diameter 5 % larger and smaller, as makers differ. Infusion that refills the eye "
-         "is not the limit: an infusion line of 23 gauge loses 9 to 16 mmHg at 10 mL/min (Rossi et al.). All "
-         "numbers are in", page.link("cannulas.csv", "cannulas.csv"), "and",
-         page.link("exchanges.csv", "exchanges.csv")],
+        {"Minutes for 4.3 mL": times, "What stays behind": left},
         _assumed(cannulas, exchanges), validated(cannulas, exchanges),
         "against patients, or against an experiment in an eye. What stays behind depends on where the tip is: surgeons "
         "move it and turn the eye. Films and droplets smaller than a particle, oil that sticks to a lens or to "
         "membranes, and oil before the lens are not seen.",
-        words=("capillary number", "tension", "contact angle", "particles"),
-        more=[page.section("What stays behind"),
-              page.table(("", "tip", "capillary number", "left / % of the cavity", "largest piece / %", "pieces"),
-                         behind, words=[1]),
-              page.paragraph("In a removal oil is left, in a filling aqueous. Removals of one tip differ in their flow "
-                             "alone; their difference is what the flow leaves open.")])
+        ("capillary number", "tension", "contact angle", "particles"))
 
 
 def _assumed(cannulas: Rows, exchanges: Rows) -> list[str]:

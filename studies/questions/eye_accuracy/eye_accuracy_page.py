@@ -16,8 +16,10 @@ from pipeline.forecast.retina_error import COLUMNS
 from pipeline.studies.model import Outcome, Row
 from pipeline.studies.plan import spacings
 from pipeline.studies.question_page import WORDS, StudyPage, drawn, link_to, table_rows, write_csv, write_picture
+from pipeline.web.embedded import data_url
 from studies.questions.eye_accuracy._words import EYE_RUNS, covered_at
 
+HERE = Path(__file__).parent
 PICTURES, TABLES = ("accuracy_eye",), ("eye_runs", "eye_errors")
 ON_THE_WAY = 4.0    # s, at which runs are set beside the finest one: oil still moves
 AT_REST, WAY = COLORS[0], COLORS[1]
@@ -124,15 +126,12 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     write_csv(target / "eye_errors.csv", COLUMNS, [[str(value) for value in (
         size.scene, f"{1e-3 * size.spacing:.6g}", len(size.rest), f"{size.minutes:.4g}",
         *(f"{number:.4g}" for number in (size.rest.mean(), size.rest.min(), size.rest.max())))] for size in sizes])
-    return [page.paragraph(description), page.picture(picture, "Error against computing time, by particle spacing"),
-            page.bullets([sentence(size, moment) for size in sizes]),
-            page.paragraph(
-                "Points are", WORDS["points"], "What is exact at rest is the shape of least energy (",
-                link_to("methods/equilibrium.md"), "). The deepest point of the aqueous is the one farthest from the "
-                "wall. Bars reach from the least to the largest of several starts, whose particles begin on lattices "
-                "in other places."),
-            page.bullets([remark for outcome in outcomes for remark in outcome.remarks]),
-            page.table(list(lines[0]), [list(line.values()) for line in lines], words=(0, 1))]
+    return [page.rendered(
+        HERE / "eye_accuracy_page.html", description=description, picture=data_url(picture, "image/png"),
+        sentences=[sentence(size, moment) for size in sizes], points=WORDS["points"],
+        method=link_to("methods/equilibrium.md"),
+        remarks=[remark for outcome in outcomes for remark in outcome.remarks],
+        runs=page.table(list(lines[0]), [list(line.values()) for line in lines], words=(0, 1)))]
 
 
 def picture_of(sizes: Sequence[Size], moment: float) -> bytes:

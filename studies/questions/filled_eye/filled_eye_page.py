@@ -128,40 +128,45 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
     rows = [(f"{TAMPONADES[tamponade]}, {posture_words(posture)}",
              *(str(shares.at(tamponade, posture, shares.shown, part)) for part in SHOWN_PARTS))
             for tamponade in shares.tamponades for posture in shares.postures]
+    upright = [number for number, row in enumerate(rows) if row[0].endswith("upright")]
+    table = page.table(("", *SHOWN_PARTS.values()), rows, words=(0,), marked=upright) + page.paragraph(
+        "In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and "
+        "before the equator. In brackets what it may be: with other contact angles, with the second shape that may be "
+        "at rest when lying (the macula of a supine patient is bare in one and may be touched in the other), and by "
+        "the error of the computation. Head up 45°: the patient leans back by 45 degrees. Temporal and nasal are "
+        "those of a right eye, whose nasal side is below when the patient lies on the left. Other fills are in",
+        page.link("shares.csv", "shares.csv") + ".", "Shaded: the patient is upright.")
+    by_fill = page.picture(curves, "Covered share of the retina and of its inferior half against the fill") + \
+        page.paragraph("Bands: what the contact angle and the computation leave open. Dashed: a sphere of 11 mm "
+                       "radius, exact (Young and Laplace).", front_edges(shares))
     return QuestionPage(
-        headline(shares), f"{description} The rest is aqueous. Shares are of the area of the retina, in percent.",
-        curves, "Covered share of the retina and of its inferior half against the fill, patient upright",
-        ["Patient upright. Bands: what the contact angle and the computation leave open. Dashed: a sphere of 11 mm "
-         "radius, exact (Young and Laplace).", front_edges(shares)],
-        f"What a fill of {shares.shown:g} % touches", ("", *SHOWN_PARTS.values()), rows,
-        ["In percent of each part: inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and "
-         "before the equator. In brackets what it may be: with other contact angles, with the second shape that may "
-         "be at rest when lying (the macula of a supine patient is bare in one and may be touched in the other), and "
-         "by the error of the computation. Head up 45°: the patient leans back by 45 degrees. Temporal and nasal are "
-         "those of a right eye, whose nasal side is below when the patient lies on the left. Other fills are in",
-         page.link("shares.csv", "shares.csv") + ".",
-         "Shaded: the patient is upright."],
+        f"{description} The rest is aqueous. What {shares.shown:g} % touch, in percent of the area:", answers(shares),
+        maps, "Maps of the fundus: postures below each other, fills side by side",
+        ["Light oil, posture by posture. Maps of a right eye as an observer sees it who faces the patient: macula in "
+         "the middle, then equator and ora serrata; temporal is on the left. Ivory is touched, blue is not; hatched "
+         "where it is uncertain."],
+        {f"What a fill of {shares.shown:g} % touches, in every posture": table,
+         "Fill by fill, patient upright": by_fill,
+         "Beside what was published": page.bullets(anchors(shares, outcomes))},
         _assumed(outcomes), validated(shares, outcomes),
         "against patients, or against an experiment in a real eye. Tension and contact angle in an operated eye, with "
-        "protein and blood, are not known.",
-        more=[page.section("Light oil, posture by posture"),
-              page.picture(maps, "Maps of the fundus: postures below each other, fills side by side"),
-              page.paragraph("Maps of a right eye as an observer sees it who faces the patient: macula in the middle, "
-                             "then equator and ora serrata; temporal is on the left. Ivory is touched, blue is not; "
-                             "hatched where it is uncertain."),
-              page.section("Beside what was published"), page.bullets(anchors(shares, outcomes))],
-        words=("touched", "contact angle", "tension", "at rest", "points", "grid"),
-        marked=[number for number, row in enumerate(rows) if row[0].endswith("upright")])
+        "protein and blood, are unknown.", ("touched", "contact angle", "tension", "at rest", "points", "grid"))
 
 
-def headline(shares: Shares) -> str:
-    """Return the answer in one sentence."""
-    fill, said = shares.shown, []
-    for tamponade in shares.tamponades:
-        retina, inferior = (shares.at(tamponade, "upright", fill, part) for part in ("retina", "inferior"))
-        said.append(f"{TAMPONADES[tamponade]} touches {retina} % of the retina but {inferior} % of its inferior half"
-                    if not said else f"{TAMPONADES[tamponade]} {retina} and {inferior} %")
-    return f"Patient upright, {fill:g} % of the volume filled: {'; '.join(said)}."
+def answers(shares: Shares) -> list[str]:
+    """Return what every tamponade touches, in the upright patient and where it reaches the inferior half best."""
+    found = []
+    for name in shares.tamponades:
+        retina, inferior, macula = (shares.at(name, "upright", shares.shown, part)
+                                    for part in ("retina", "inferior", "macula"))
+        words = TAMPONADES[name]
+        said = (f"{words[0].upper()}{words[1:]}, patient upright: {retina} % of the retina, {inferior} % of its "
+                f"inferior half, {macula} % of the macula")
+        below = {posture: shares.at(name, posture, shares.shown, "inferior") for posture in shares.postures}
+        best = max(below, key=lambda posture: np.nan_to_num(below[posture].value))
+        found.append(said + ("." if best == "upright" else
+                             f"; most of the inferior half when {posture_words(best)}, {below[best]} %."))
+    return found
 
 
 def front_edges(shares: Shares) -> str:

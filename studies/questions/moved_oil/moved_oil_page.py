@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base import page
+from pipeline.base.numbers import with_uncertainty
 from pipeline.base.palette import COLORS
 from pipeline.studies.model import Outcome
 from pipeline.studies.question_page import (
@@ -125,17 +126,7 @@ class Movements:
         value, error = self.number(oil, movement, quantity)
         if np.isnan(value):
             return "–"
-        return f"{rounded(value, error)} ± {rounded(error, error)}" if error else f"{value:.2g}"
-
-
-def rounded(value: float, error: float) -> str:
-    """Return a number with as many digits as its error leaves.
-
-    >>> rounded(12.345, 0.3), rounded(61.2, 14.0)
-    ('12.3', '61')
-    """
-    digits = max(0, -int(np.floor(np.log10(error)))) if error > 0.0 else 2
-    return f"{value:.{min(digits, 3)}f}"
+        return with_uncertainty(value, error, 3) if error else f"{value:.2g}"
 
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
@@ -161,26 +152,26 @@ def oil_words(oil: str) -> str:
 def _page(description: str, movements: Movements, picture: bytes) -> QuestionPage:
     rows = [(f"{oil_words(oil)}, {movements.viscosity[oil]:.0f} mPa s, {movements.density[oil]:g} kg/m3",
              *(movements.cell(oil, movement, quantity) for movement, quantity, _ in COLUMNS)) for oil in movements.oils]
+    table = page.table(("", *(head for *_, head in COLUMNS)), rows, words=(0,)) + page.paragraph(
+        f"± holds the spread of repeated saccades and what particles of {finer(movements)} change with "
+        f"{oil_words(movements.reference)}; after sitting up also 8 % for long time steps, see",
+        link_to("results/step_size.md") + ".",
+        "The stress that is exceeded on 1 % of the retina is found at the contact line and at the edges in front. All "
+        "numbers are in", page.link("movements.csv", "movements.csv"), "and",
+        page.link("courses.csv", "courses.csv") + ".")
     return QuestionPage(
-        headline(movements), f"{description} The rest is aqueous. The oil is at rest before.", picture,
+        f"{description} The rest is aqueous. The oil is at rest before.", answers(movements), picture,
         "Stress on the retina in a saccade, shift of the interface, and way of the aqueous after sitting up, by oil",
-        ["Left: mean stress on the retina from the begin of a saccade on, by oil; dashed, what a sphere full of oil "
-         "has exactly. Middle: how far the interface moves along its normal. Right: the way that the center of the "
-         "aqueous has made to where it rests in the patient who sits."],
-        "Oil by oil", ("", *(head for *_, head in COLUMNS)), rows,
-        [f"± holds the spread of repeated saccades and what particles of {finer(movements)} change with "
-         f"{oil_words(movements.reference)}; after sitting up also 8 % for long time steps, see",
-         link_to("results/step_size.md") + ".",
-         "The stress that is exceeded on 1 % of the retina is found at the contact line and at the edges in front. All "
-         "numbers are in", page.link("movements.csv", "movements.csv"), "and", page.link("courses.csv", "courses.csv")],
+        ["Left: mean stress on the retina from the beginning of a saccade, by oil; dashed, what a sphere full of oil "
+         "has exactly. Middle: how far the interface moves along its normal. Right: how much of its way the center of "
+         "the aqueous has made to where it rests in the patient who sits."],
+        {"Oil by oil": table, "Beside what was published": page.bullets(anchors(movements))},
         _assumed(movements), _validated(movements),
         "against patients, or against an experiment in an eye. A film of aqueous between oil and retina would lower "
         "the stress and let the oil slide sooner: it is thinner than a particle and not resolved. How fast the contact "
-        "line moves follows from a model with one chosen number, within a third of theory. Stress below the aqueous "
-        "itself is too low. "
-        "What finer particles change was tried with one oil only, not with the thick ones.",
-        words=("stress", "interface", "contact line", "particles", "at rest"),
-        more=[page.section("Beside what was published"), page.bullets(anchors(movements))])
+        "line moves follows from a model with one calibrated parameter, within a third of theory. Stress below the "
+        "aqueous itself is too low. What finer particles change was tried with one oil only, not with the thick ones.",
+        ("stress", "interface", "contact line", "particles", "at rest"))
 
 
 def finer(movements: Movements) -> str:
@@ -189,44 +180,36 @@ def finer(movements: Movements) -> str:
     return " and ".join(sorted(found)) or "another size"
 
 
-def headline(movements: Movements) -> str:
-    """Return the answer in one sentence or two."""
+def answers(movements: Movements) -> list[str]:
+    """Return what every movement does, in sentences."""
     turned, stood = movements.light(SACCADES, STRESS), movements.light(STANDING_UP, MOST)
-    words = []
-    if turned:
-        words.append(_of_saccades(movements, turned))
-    if stood:
-        words.append(_of_sitting_up(movements, stood))
-    return " ".join(words)
+    return (_of_saccades(movements, turned) if turned else []) + (
+        [_of_sitting_up(movements, stood)] if stood else [])
+
+
+def _each(movements: Movements, oils: Sequence[str], movement: str, quantity: str, unit: str) -> str:
+    """A quantity with the thinnest and the thickest of some oils."""
+    return ", ".join(f"{movements.cell(oil, movement, quantity)} {unit} with {oil_words(oil)}"
+                     for oil in dict.fromkeys((oils[0], oils[-1])))
 
 
 def _of_sitting_up(movements: Movements, stood: Sequence[str]) -> str:
-    """Return how soon oils come to rest, by those that have made 80 % of their way when the simulation ends."""
-    thin, thick = stood[0], stood[-1]
-    rest = [movements.number(oil, STANDING_UP, MOST)[0] for oil in (thin, thick)]
-    said = f"After sitting up {oil_words(thin)} needs {rest[0]:.0f} s for 80 % of its way"
-    if thick != thin:
-        said += f", {oil_words(thick)} {rest[1]:.0f} s or more"
-    said += "."
+    """How soon oils come to rest, by those that have made 80 % of their way when the simulation ends."""
+    said = f"After sitting up 80 % of the way to rest takes {_each(movements, stood, STANDING_UP, MOST, 's')}."
     late = [oil for oil in movements.light(STANDING_UP, HALF) if oil not in stood]
     if late:
         more = " and thicker ones" if len(late) > 1 else ""
-        said += f" With {oil_words(late[0])}{more} that takes longer than was simulated."
-    return said + (" The contact line of a thin oil moves within a third of theory. Thick oils take longer with finer "
-                   "particles; a film of aqueous on the wall would let all slide sooner.")
+        said += f" With {oil_words(late[0])}{more} it takes longer than was simulated."
+    return said + (" Thick oils take longer with finer particles; a film of aqueous on the wall would let all slide "
+                   "sooner.")
 
 
-def _of_saccades(movements: Movements, light: Sequence[str]) -> str:
-    """Return what saccades and the jolt do, by the oils that were shaken."""
-    thin, thick = light[0], light[-1]
-    stress = [movements.number(oil, SACCADES, STRESS)[0] for oil in light]
-    shift = [movements.number(oil, SACCADES, SHIFT)[0] for oil in (thin, thick)]
+def _of_saccades(movements: Movements, light: Sequence[str]) -> list[str]:
+    """What saccades and the jolt do, by the oils that were shaken."""
     jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in light) for movement in (JOLT, SACCADES))
-    return (f"A saccade drags at the retina with {stress[0]:.1f} Pa in the mean with {oil_words(thin)} and "
-            f"{stress[-1]:.1f} Pa with {oil_words(thick)}, and moves the interface by {shift[0]:.1f} mm "
-            f"with {oil_words(thin)} and {shift[1]:.1f} mm with "
-            f"{oil_words(thick)}; the jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than "
-            "a saccade.")
+    return [f"The mean drag of a saccade on the retina is {_each(movements, light, SACCADES, STRESS, 'Pa')}.",
+            f"It moves the interface by {_each(movements, light, SACCADES, SHIFT, 'mm')}.",
+            f"A jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than a saccade."]
 
 
 def anchors(movements: Movements) -> list[str]:

@@ -78,25 +78,29 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     others = [(name, *(str(eyes.at(name, posture, part)) for posture in eyes.postures[1:] for part in OTHER_PARTS))
               for name in eyes.groups]
     heads = ("", *(f"{posture_words(posture)}: {part}" for posture in eyes.postures[1:] for part in OTHER_PARTS))
+    table = page.table(
+        ("", "mL", *SHOWN_PARTS.values()),
+        [(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
+         for name in eyes.groups], words=(0,),
+        marked=[number for number, name in enumerate(eyes.groups) if eyes.groups[name] in ("wall", "mesh")],
+    ) + page.paragraph(
+        "Open in front: the anterior chamber holds oil too. Volume of the cavity, then percent of each part: inferior "
+        "half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and before the equator. In brackets what "
+        "it may be: with other contact angles, with the second shape that may be at rest, and by the error of the "
+        "computation. Other fills are in", page.link("shares.csv", "shares.csv") + ".",
+        "Shaded: eyes with a changed wall, and the mesh.")
+    why = [sentence for name in eyes.of_group("wall") if (sentence := _why_in_front(eyes, name))]
     return QuestionPage(
-        headline=headline(eyes),
-        description=f"{description} The rest is aqueous. Shares are of the area of the retina, in percent.",
+        description=f"{description} {eyes.shown:g} % of the cavity is oil, the rest is aqueous. What it touches "
+                    f"in the {first} patient, in percent of the area:",
+        answers=findings(eyes),
         picture=picture,
         picture_words="Sections of the eyes and maps of the fundus, posture by posture",
-        caption=(f"A fill of {eyes.shown:g} %. First a section of the eye from the side, patient {first}, front on the "
-                 "left; then maps of the fundus as an observer sees it who faces the patient: macula in the middle, "
-                 "then equator and ora serrata. Ivory is oil, blue is aqueous; hatched where it is uncertain.",),
-        title=f"What a fill of {eyes.shown:g} % touches, patient {first}",
-        heads=("", "mL", *SHOWN_PARTS.values()),
-        rows=[(name, f"{eyes.volumes[name].value:.1f}", *(str(eyes.at(name, first, part)) for part in SHOWN_PARTS))
-              for name in eyes.groups],
-        marked=[number for number, name in enumerate(eyes.groups) if eyes.groups[name] in ("wall", "mesh")],
-        note=("Open in front: the anterior chamber holds oil too. Volume of the cavity, then percent of each part: "
-              "inferior half, macula, temporal and nasal quadrants (ST, SN, IT, IN), behind and before the equator. In "
-              "brackets what it may be: with other contact angles, with the second shape that may be at rest, and by "
-              "the error of the computation. Other fills are in", page.link("shares.csv", "shares.csv") + ".",
-              "Shaded: eyes with a changed wall, and the mesh."),
-        more=[page.bullets(findings(eyes)), page.details("The same eyes in other postures", page.table(heads, others))],
+        caption=(f"First a section of the eye from the side, patient {first}, front on the left; then maps of the "
+                 "fundus as an observer sees it who faces the patient: macula in the middle, then equator and ora "
+                 "serrata. Ivory is oil, blue is aqueous; hatched where it is uncertain.",),
+        folded={f"Eye by eye, patient {first}": table, "The same eyes in other postures": page.table(heads, others)}
+        | ({"Why a band helps in some places": page.bullets(why)} if why else {}),
         assumed=_assumed(eyes, outcomes),
         validated=validated(outcomes),
         not_validated="against patients, or against an experiment in a real eye. A buckle, a staphyloma and a filled "
@@ -105,35 +109,22 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     ).parts()
 
 
-def headline(eyes: Eyes) -> str:
-    """Return the answer in one sentence."""
-    first, names = eyes.postures[0], list(eyes.groups)
-    said = []
-    for part, words in (("retina", "of the retina"), ("inferior", "of its inferior half")):
-        known = [name for name in names if np.isfinite(eyes.at(name, first, part).value)]
-        least, most = (choice(known, key=lambda name: eyes.at(name, first, part).value) for choice in (min, max))
-        said.append(f"{eyes.at(least, first, part)} % {words} ({least}) to {eyes.at(most, first, part)} % ({most})")
-    return f"Patient {first}, {eyes.shown:g} % of the volume filled with light oil: it touches {', and '.join(said)}."
-
-
 def findings(eyes: Eyes) -> list[str]:
-    """Return what the groups of eyes tell, in sentences."""
+    """Return what the groups of eyes tell, in sentences, the length first."""
     first, found = eyes.postures[0], []
     lengths = eyes.of_group("length")
     if len(lengths) > 1:
         values = [eyes.at(name, first, "retina").value for name in lengths]
-        words = ", ".join(f"{name} {value:.0f} %" for name, value in zip(lengths, values, strict=True))
+        words = ", ".join(f"{value:.0f} % at {name}" for name, value in zip(lengths, values, strict=True))
         short, long = (eyes.volumes[lengths[end]].value for end in (0, -1))
-        found.append(f"Length alone: {words} of the retina, {_way(values)}. A longer eye needs more oil for the same "
-                     f"share: the cavity holds {short:.1f} mL in the shortest and {long:.1f} mL in the longest.")
-    for group in ("lens", "wall"):
-        if eyes.of_group(group):
-            told = [f"{name}: {eyes.at(name, first, 'retina').value:.0f} % of the retina, "
-                     f"{eyes.at(name, first, 'inferior').value:.0f} % of its inferior half, with "
-                     f"{eyes.at(name, first, AQUEOUS).value:.0f} % of the aqueous before the equator"
-                     for name in eyes.of_group(group)]
-            found.append(f"{GROUPS[group].capitalize()}. {'; '.join(told)}.")
-    return found + [sentence for name in eyes.of_group("wall") if (sentence := _why_in_front(eyes, name))]
+        found.append(f"Length: of the retina the oil touches {words}, {_way(values)}. A longer eye needs more oil for "
+                     f"the same share: the cavity holds {short:.1f} mL in the shortest and {long:.1f} mL in the "
+                     "longest.")
+    for group in [group for group in GROUPS if group != "length" and eyes.of_group(group)]:
+        told = [f"{name}: {eyes.at(name, first, 'retina').value:.0f} % of the retina, "
+                f"{eyes.at(name, first, 'inferior').value:.0f} % of its inferior half" for name in eyes.of_group(group)]
+        found.append(f"{GROUPS[group].capitalize()}: {'; '.join(told)}.")
+    return found
 
 
 def _why_in_front(eyes: Eyes, name: str) -> str:

@@ -68,8 +68,8 @@ def by(shed: Rows, factor: str) -> list[dict[str, str]]:
     return [row for row in shed if row["factor"] == factor]
 
 
-def headline(shed: Rows, gathered: Rows) -> str:
-    """Return the answer in one sentence or two."""
+def answers(shed: Rows, gathered: Rows) -> list[str]:
+    """Return what sheds droplets, the strongest first, and where they gather, in sentences."""
     base = by(shed, BASE)[0]
 
     def most(factor: str) -> tuple[float, float]:
@@ -78,11 +78,13 @@ def headline(shed: Rows, gathered: Rows) -> str:
 
     light = [row for row in by(shed, OIL) if not row["setting"].startswith("heavy")]
     thick = max(light, key=lambda row: -float(row[RATE]))
-    return (f"By the law assumed, viscosity matters most ({oil_words(thick['setting'])} sheds "
-            f"{float(thick[RATE]) / float(base[RATE]):.2f} times the droplets of oil 1000), then the tension (down to "
-            f"15 mN/m by proteins: {most(TENSION)[1]:.1f} times); the fill ({most(FILL)[0]:.2f} to "
-            f"{most(FILL)[1]:.2f} times) and the size of saccades ({most(MOVEMENT)[0]:.2f} to {most(MOVEMENT)[1]:.2f} "
-            f"times) matter little. In the upright patient the droplets gather {place_words(gathered, 'upright')}.")
+    return [f"Viscosity matters most, by the law assumed: {oil_words(thick['setting'])} sheds "
+            f"{float(thick[RATE]) / float(base[RATE]):.2f} times the droplets of oil 1000.",
+            f"Then the tension: down to 15 mN/m by proteins, {most(TENSION)[1]:.1f} times as many.",
+            f"Little: the fill, {most(FILL)[0]:.2f} to {most(FILL)[1]:.2f} times; the size of saccades, "
+            f"{most(MOVEMENT)[0]:.2f} to {most(MOVEMENT)[1]:.2f} times.",
+            *(f"In the {row['posture'].replace('_', ' ')} patient droplets gather "
+              f"{place_words(gathered, row['posture'])}." for row in gathered if not row["posture"].endswith("side"))]
 
 
 def place_words(gathered: Rows, posture: str) -> str:
@@ -107,31 +109,30 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
     places = [(row["posture"].replace("_", " "), *(f"{float(row[name]):.0f}" for name in (
         "before the equator", "retina behind the equator", "superior half", "inferior half")),
         place_words(gathered, row["posture"])) for row in gathered]
+    default = [number for number, row in enumerate(rows) if row[2] == "1.00"]
+    changes = page.table(
+        ("", "contact line / mm", "times as many droplets", f"weeks to {WASHED_OUT[0]:g} ppm (an assumption)"), rows,
+        words=(0,), marked=default) + page.paragraph(
+        page.bold("The weeks rest on an assumed constant"),
+        f"(efficiency 0.1), set so that some months give what wash-outs held in the mean, {WASHED_OUT[0]:g} ppm; "
+        f"they held {WASHED_OUT[1]:g} to {WASHED_OUT[2]:g} ppm (Yu et al. 2020), so that weeks may be ten times more "
+        "or fewer. How many times as many droplets does not depend on it. All numbers are in",
+        page.link("shed.csv", "shed.csv") + ".", "Shaded: as by default.")
+    where = page.table(("patient", "before the equator / %", "behind it / %", "superior / %", "inferior / %", "where"),
+                       places, words=[5]) + page.paragraph(
+        "A droplet of 1.5 micrometers rises by 5 mm in a day, one of 10 micrometers by 10 mm in an hour: where small "
+        "droplets are follows from the postures of days, not of minutes.")
     return QuestionPage(
-        headline(shed, gathered), description, picture,
+        description, answers(shed, gathered), picture,
         "How many times as many droplets with every change, and where they gather in four postures",
         ["Left: how many times as many droplets as by default, with every change; bars, what the contact angle (10 "
          "to 25 degrees) leaves open. Right: sections through the middle of the eye from the patient's left, front on "
-         "the left, superior above; the arrow is down. Oil is ivory, dots are droplets of the whole eye that have "
-         "risen."],
-        "What is changed", ("", "contact line / mm", "times as many droplets",
-                            f"weeks to {WASHED_OUT[0]:g} ppm (an assumption)"), rows,
-        [page.bold("The weeks rest on an assumed constant"),
-         f"(efficiency 0.1), set so that some months give what wash-outs held in the mean, {WASHED_OUT[0]:g} ppm; "
-         f"they held {WASHED_OUT[1]:g} to {WASHED_OUT[2]:g} ppm (Yu et al. 2020), so that weeks may be ten times more "
-         "or fewer. How many times as many droplets does not depend on it. All numbers are in",
-         page.link("shed.csv", "shed.csv") + ".", "Shaded: as by default."],
-        _assumed(), validated(shed, outcomes),
+         "the left, superior above; the arrow is down. Oil is ivory, aqueous blue, dots are droplets of the "
+         "whole eye that have risen."],
+        {"What is changed": changes, "Where droplets gather": where}, _assumed(), validated(shed, outcomes),
         "the law itself: none was published; it has the factors that are known. Against patients, and against an "
         "experiment in an eye. Droplets that merge, that saccades stir, or that leave into the anterior chamber, where "
-        "surgeons see them first, are not seen.",
-        words=("contact line", "tension", "ppm", "at rest", "particles"),
-        marked=[number for number, row in enumerate(rows) if row[2] == "1.00"],
-        more=[page.section("Where droplets gather"),
-              page.table(("patient", "before the equator / %", "behind it / %", "superior / %", "inferior / %",
-                          "where"), places, words=[5]),
-              page.paragraph("A droplet of 1.5 micrometers rises by 5 mm in a day, one of 10 micrometers by 10 mm in "
-                             "an hour: where small droplets are follows from the postures of days, not of minutes.")])
+        "surgeons see them first, are not seen.", ("contact line", "tension", "ppm", "at rest", "particles"))
 
 
 def _assumed() -> list[str]:
@@ -186,7 +187,7 @@ def _picture(tables: dict[str, list[dict[str, str]]]) -> bytes:
         bars.set(xlabel="times as many droplets as by default")
         bars.set_title("What sheds droplets", loc="left", fontsize=12)
         for axes, posture in zip(right, gathered, strict=False):
-            for what, style in (("oil", {"facecolor": palette.OIL}),
+            for what, style in (("wall", {"facecolor": palette.AQUEOUS}), ("oil", {"facecolor": palette.OIL}),
                                 ("wall", {"facecolor": "none", "edgecolor": "black"})):
                 outline = _points(tables["sections"], posture, "z [mm]", "y [mm]", what)
                 axes.fill(outline[:, 0], outline[:, 1], **style)

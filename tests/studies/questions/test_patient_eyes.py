@@ -62,7 +62,7 @@ def test_the_average_eye_is_that_of_the_study_of_fills(outcomes):
 @pytest.mark.thorough
 def test_the_page_says_what_was_assumed_and_what_was_not_validated(study, outcomes, tmp_path):
     text = "".join(write_page(study.description, outcomes, tmp_path))
-    for words in ("not for decisions on a patient", "Patient upright, 85 % of the volume filled with light oil",
+    for words in ("not for decisions on a patient", "85 % of the cavity is oil",
                   "144 eyes, de Santana et al.", "Not validated:", "against patients", "(ST, SN, IT, IN)"):
         assert words in text
     assert (tmp_path / "shares.csv").read_text().startswith("eye,posture,fill [%],part")
