@@ -114,8 +114,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--largest-fill", help="share of the cavity that can be filled (default: config/plan.yaml)")
     parser.add_argument("--output", type=Path, help="file to write: a page if it ends in .html, else text")
     parser.add_argument("--confirm", type=Path, metavar="SCENE",
-                        help="also write a scene file of the best answer, such as config/scenes/my_plan.yaml, and tell "
-                             "how to simulate it, or, once that is done, whether the simulation agrees")
+                        help="also write a scene file of the answer with the smallest fill (--oil and --postures "
+                             "choose another), such as config/scenes/my_plan.yaml, and tell how to simulate it, or, "
+                             "once that is done, whether the simulation agrees")
     parser.add_argument("--sequence", type=scene_file, metavar="SCENE",
                         help="tell what the oil of a scene covers at rest in each of its postures over time")
     parser.add_argument("--cache", type=Path, default=CACHE, help=f"folder of tables made before (default: {CACHE})")

@@ -48,7 +48,7 @@ def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: 
     liquids |= {question.other.name: {"dynamic_viscosity": THIN_OTHER}, oil: {"dynamic_viscosity": THIN_OIL}}
     scene = {
         "extends": starts_from,
-        "title": f"{oil}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
+        "title": f"{oil.replace('_', ' ')}, {100 * fill:.1f} %, {answer.posture.replace('_', ' ')}",
         "description": f"Confirms a plan: does the oil, started at rest, keep touching the break? The liquids have "
                        f"{THIN_OIL} and {THIN_OTHER}: that changes how soon they rest, not where.",
         "breaks": [{"name": BREAK, "hour": round(question.place.meridian / HOUR, 6) or 12.0,

@@ -34,6 +34,10 @@ DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
 WORDS = {
     "touched": "the oil (or gas) reaches the retina. A film of aqueous micrometers thin, which real oil may leave, "
                "is in no computation here.",
+    "aqueous": "the clear, watery fluid that fills what the oil (or gas) leaves of the eye.",
+    "light and heavy oil": "lighter than aqueous, so that it floats; heavier, so that it sinks.",
+    "supine and prone": "lying on the back; lying face down.",
+    "fundus": "the back of the eye, as a doctor sees it through the pupil.",
     "interface": "where oil and aqueous meet inside the eye.",
     "contact line": "where the interface meets the wall: the edge of what the oil touches.",
     "contact angle": "between interface and wall, through the aqueous. It is small, since the wall likes aqueous more "

@@ -160,6 +160,7 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
     found = f"{held} of {len(asked)} with a tolerance are within it" if asked else "none has a tolerance"
     write_text(path, page.page(study.title, [page.rendered(
         HERE / "report.html", description=study.description, accuracy=study.accuracy, found=found, instead=instead,
+        command=study.command,
         remarks=[remark for outcome in outcomes for remark in outcome.remarks],
         numbers=page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows)
                                                    if row["holds"] == "false"]))]))

@@ -142,12 +142,12 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
         "Time against viscosity for every cannula, and distance of what is left from the tip",
         ["Left: minutes for 85 % of the cavity by viscosity; squares with bars are published times of removal. Right: "
          "how far the liquid that is drained is from the tip; above the dashed line the tip has lost it."],
-        {"Minutes for 4.3 mL": times, "What stays behind": left},
+        {"Minutes by oil and cannula, for 4.3 mL": times, "What stays behind": left},
         _assumed(cannulas, exchanges), validated(cannulas, exchanges),
         "against patients, or against an experiment in an eye. What stays behind depends on where the tip is: surgeons "
         "move it and turn the eye. Films and droplets smaller than a particle, oil that sticks to a lens or to "
         "membranes, and oil before the lens are not seen.",
-        ("capillary number", "tension", "contact angle", "particles"))
+        ("aqueous", "capillary number", "tension", "contact angle", "particles"))
 
 
 def _assumed(cannulas: Rows, exchanges: Rows) -> list[str]:

@@ -150,7 +150,9 @@ def _page(description: str, shares: Shares, outcomes: Sequence[Outcome], curves:
          "Beside what was published": page.bullets(anchors(shares, outcomes))},
         _assumed(outcomes), validated(shares, outcomes),
         "against patients, or against an experiment in a real eye. Tension and contact angle in an operated eye, with "
-        "protein and blood, are unknown.", ("touched", "contact angle", "tension", "at rest", "points", "grid"))
+        "protein and blood, are unknown.",
+        ("touched", "aqueous", "light and heavy oil", "supine and prone", "fundus", "contact angle", "tension",
+         "at rest", "points", "grid"))
 
 
 def answers(shares: Shares) -> list[str]:

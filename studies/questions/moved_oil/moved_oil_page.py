@@ -171,7 +171,7 @@ def _page(description: str, movements: Movements, picture: bytes) -> QuestionPag
         "the stress and let the oil slide sooner: it is thinner than a particle and not resolved. How fast the contact "
         "line moves follows from a model with one calibrated parameter, within a third of theory. Stress below the "
         "aqueous itself is too low. What finer particles change was tried with one oil only, not with the thick ones.",
-        ("stress", "interface", "contact line", "particles", "at rest"))
+        ("aqueous", "stress", "interface", "contact line", "particles", "at rest"))
 
 
 def finer(movements: Movements) -> str:
@@ -188,9 +188,11 @@ def answers(movements: Movements) -> list[str]:
 
 
 def _each(movements: Movements, oils: Sequence[str], movement: str, quantity: str, unit: str) -> str:
-    """A quantity with the thinnest and the thickest of some oils."""
+    """A quantity with the thinnest and the thickest of some oils, and with heavy ones."""
+    heavy = [oil for oil in movements.oils if oil.startswith("heavy")
+             and np.isfinite(movements.number(oil, movement, quantity)[0])]
     return ", ".join(f"{movements.cell(oil, movement, quantity)} {unit} with {oil_words(oil)}"
-                     for oil in dict.fromkeys((oils[0], oils[-1])))
+                     for oil in dict.fromkeys((oils[0], oils[-1], *heavy)))
 
 
 def _of_sitting_up(movements: Movements, stood: Sequence[str]) -> str:

@@ -105,7 +105,8 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
         validated=validated(outcomes),
         not_validated="against patients, or against an experiment in a real eye. A buckle, a staphyloma and a filled "
                       "anterior chamber were compared with nothing but the simulations named there.",
-        words=("touched", "contact angle", "tension", "at rest", "points", "grid"),
+        words=("touched", "aqueous", "supine and prone", "fundus", "contact angle", "tension", "at rest", "points",
+               "grid"),
     ).parts()
 
 

@@ -132,7 +132,8 @@ def _page(description: str, tables: dict[str, list[dict[str, str]]], picture: by
         {"What is changed": changes, "Where droplets gather": where}, _assumed(), validated(shed, outcomes),
         "the law itself: none was published; it has the factors that are known. Against patients, and against an "
         "experiment in an eye. Droplets that merge, that saccades stir, or that leave into the anterior chamber, where "
-        "surgeons see them first, are not seen.", ("contact line", "tension", "ppm", "at rest", "particles"))
+        "surgeons see them first, are not seen.",
+        ("aqueous", "supine and prone", "contact line", "tension", "ppm", "at rest", "particles"))
 
 
 def _assumed() -> list[str]:
