@@ -1,9 +1,10 @@
 """The one place that reads and writes frames, their time index and checkpoints.
 
 A frame is a VTK unstructured grid of vertices (``.vtu``), because ParaView, pyvista and meshio all open it; meshio
-reads no ``.vtp`` and no LZ4, so the arrays are stored raw. Every array carries its unit (VTK's ``UNITS_LABEL``) and the
-parts of ``volume_fraction`` and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8
-bytes, to be read with ``bytes(mesh.field_data["liquids"]).decode()``: meshio has no string arrays.
+reads no ``.vtp`` and no LZ4, so the arrays are stored raw, and with Python 3.13.5, whose base64 no longer ends at a
+padding, no raw ones either. Every array carries its unit (VTK's ``UNITS_LABEL``) and the parts of ``volume_fraction``
+and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8 bytes, to be read with
+``bytes(mesh.field_data["liquids"]).decode()``: meshio has no string arrays.
 """
 import argparse
 import os

@@ -1,4 +1,5 @@
 """Frames open in VTK, pyvista and meshio; frames and checkpoints come back as they were written."""
+import base64
 import io
 import os
 from types import SimpleNamespace
@@ -45,11 +46,19 @@ def test_frame_round_trip(tmp_path, suffix, options):
     assert [p.name for p in tmp_path.iterdir()] == [f"frame_00003{suffix}"]
 
 
-def test_meshio_and_pyvista_open_frames_with_names_and_units(tmp_path):
+def ends_at_a_padding() -> bool:
+    """Whether base64 of this Python does: meshio 5.3 finds the end of an array so. That of 3.13.5 does not."""
+    try:
+        return base64.b64decode(b"AA==AAAA") == b"\0"
+    except ValueError:
+        return False
+
+
+@pytest.mark.skipif(not ends_at_a_padding(), reason="meshio 5.3 reads no VTU with this Python")
+def test_meshio_opens_frames_with_names_and_units(tmp_path):
     frame = make_frame()
     path = frames.frame_path(tmp_path, 0)
     frames.write_frame(path, frame)
-
     mesh = meshio.read(path)
     np.testing.assert_array_equal(mesh.points, frame.position)
     np.testing.assert_array_equal(mesh.point_data["volume_fraction"], frame.volume_fraction)
@@ -57,6 +66,11 @@ def test_meshio_and_pyvista_open_frames_with_names_and_units(tmp_path):
     assert bytes(mesh.field_data["liquids"]).decode() == "aqueous\nsilicone_oil_1000"
     assert "velocity: m/s" in bytes(mesh.field_data["units"]).decode()
 
+
+def test_pyvista_opens_frames_with_names_and_units(tmp_path):
+    frame = make_frame()
+    path = frames.frame_path(tmp_path, 0)
+    frames.write_frame(path, frame)
     grid = pyvista.read(path)
     assert grid.n_cells == grid.n_points == len(frame.position)
     assert grid.field_data["time"][0] == frame.time
