@@ -40,7 +40,7 @@ from pipeline.pictures.section_panel import SectionPanel
 from pipeline.pictures.slice_panel import DROPLET_COLORS, DROPLET_TICKS, Fields
 from pipeline.runs.segments import check_segments
 from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
-from pipeline.scenes.retina import globe_radius
+from pipeline.scenes.retina import globe_radius, side_word
 from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
 from sim.effects.effect import MIXES
@@ -179,11 +179,11 @@ class Renderer:
         from pipeline.pictures.eye_view import HALVES, screen_axes
 
         down = frame.gravity / max(float(np.linalg.norm(frame.gravity)), 1e-9)
-        height = (self.bottom - self.top) / len(HALVES)
+        height, right_eye = (self.bottom - self.top) / len(HALVES), self.scene.eye.side == "right"
         for row, half in enumerate(HALVES):
             left, top = self.columns[1] + 1.0 * u, self.top + row * height
-            write(draw, (left + 1.0 * u, top - (2.4 if row == 0 else 1.4) * u), f"{half} half of the eye", 2.3 * u,
-                  color=FAINT_INK)
+            write(draw, (left + 1.0 * u, top - (2.4 if row == 0 else 1.4) * u),
+                  f"{side_word(half == 'left', right_eye)} half of the eye", 2.3 * u, color=FAINT_INK)
             if down.any():
                 place = np.array([left + 3.0 * u, top + height - 5.0 * u])
                 word = gravity_mark(draw, place, 3.2 * u, *(screen_axes(half) @ down))

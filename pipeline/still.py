@@ -33,7 +33,9 @@ def draw(scene: Scene, eye: Path, frame: FrameData, surfaces: dict, style: Style
                         "its pictures are in images/")
     if scene.container is None:
         oils = {name: surfaces[name] for name in oils_of(scene)}
-        return Illustrator(scene, read_vtk(eye), frame.gravity, style).picture(frame, oils)
+        illustrator = Illustrator(scene, read_vtk(eye), frame.gravity, style)
+        liquids = illustrator.liquids(frame, oils)
+        return illustrator.with_words(illustrator.picture(frame, liquids), frame, liquids)
     from pipeline.pictures.container_still import container_still
 
     return container_still(scene, frame, surfaces, style.size)

@@ -52,10 +52,12 @@ def main(arguments: list[str] | None = None) -> None:
     name, frame = frame_at(options.frames, options.time)
     surfaces = read_surfaces(options.surfaces, name, oils_of(scene))
     illustrator = Illustrator(scene, read_vtk(options.eye), frame.gravity, style)
+    liquids = illustrator.liquids(frame, surfaces)
     with tempfile.TemporaryDirectory() as folder, progress(options.pictures, f"{scene.name}: turn") as bar:
         paths = [Path(folder) / f"{number:05d}.png" for number in range(options.pictures)]
         for path, swing in zip(paths, swings(options.pictures), strict=True):
-            illustrator.picture(frame, surfaces, swing).save(path)
+            picture = illustrator.picture(frame, liquids, swing)
+            illustrator.with_words(picture, frame, liquids, swing).save(path)
             bar.update()
         write_movie(paths, options.output, Pace(RATE, 0.0, None))
     print(f"{options.output}: {options.pictures} pictures, drawn by {style.renderer}")

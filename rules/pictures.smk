@@ -85,7 +85,7 @@ rule still:
         " --threads {threads} 2>&1 | tee {log}"
 
 
-# On request: a picture takes about as long as the simulation of its frame at draft.
+# On request: it takes about as long as the simulation at draft, 8 minutes of two cores for 201 pictures.
 rule illustrate:
     input:
         scene=SCENE,

@@ -5,6 +5,7 @@ from pathlib import Path
 from pipeline.base.palette import rgb
 from pipeline.pictures.paint import paint_of
 from pipeline.scenes.model import Scene
+from pipeline.scenes.retina import side_word
 from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
 
 SCRIPT = '''"""Open this run in ParaView 5.10 or newer as its pictures show it, without the map of the fundus.
@@ -21,7 +22,6 @@ SCENE = @scene@
 FOLDER = os.path.dirname(os.path.abspath(__file__)) if "__file__" in globals() else @folder@
 EDGE, INK, BREAK = [0.10, 0.13, 0.17], [0.1, 0.1, 0.1], [0.84, 0.15, 0.16]
 VIEW = [1.0, 0.32, 0.55]
-HALVES = {"right": 1.0, "left": -1.0}  # the half that is shown, and the side along x that the camera is on
 
 
 def part(name):
@@ -128,7 +128,7 @@ def eye_views():
     touched = {array: beyond(wall, "contact_distance", 0.0, above, name) for array, above, name in (
         ("oil_fraction_covered", True, "touched wall"), ("oil_fraction_bare", False, "bare wall"))}
     red = breaks() if SCENE["breaks"] else None
-    for half, side in HALVES.items():
+    for half, side in SCENE["halves"].items():
         view = new_view([side * VIEW[0], *VIEW[1:]], 0.60, half + " half of the eye, from inside")
         for array, source in touched.items():
             by_fraction(half_of(source, side, array + ", " + half), view, array)
@@ -196,6 +196,8 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
     facts = {
         "title": f"{scene.title or scene.name} ({scene.accuracy})",
         "dimension": scene.dimension, "painted": int(painted), "breaks": len(scene.breaks),
+        # The half that is shown, and the side along x that the camera is on.
+        "halves": {side_word(side < 0.0, scene.eye.side == "right"): side for side in (1.0, -1.0)} if painted else {},
         "share": f"{'1 - ' if len(scene.liquids) > 1 else ''}fraction_{first.name}",
         "words": "oil volume fraction" if any("oil" in one.name for one in shown_liquids(scene)) else "volume fraction",
         "colors": {liquid.name: _shares(rgb(liquid.color)) for liquid in scene.liquids},

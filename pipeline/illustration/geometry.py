@@ -13,6 +13,7 @@ PLANE_CELL = 0.1            # mm, of the plane of the cut
 NEAR_LINE = 2.5             # cells of the plane from the line of the oil, within which its distance is exact
 SHELL_CELL = 0.4            # mm, of the grid on which the outside of the eye is found
 TURNS = 288                 # steps of half a turn about the optic axis, several of every process
+SMOOTH_TURNS = 96           # of what is smooth: lens and cornea
 PROCESSES = 36              # of the ciliary body in half a turn
 FIBERS, FIBER_RADIUS = 150, 0.028       # zonular fibers in the half; mm
 HAPTIC_RADIUS, HAPTIC_TURN = 0.09, np.radians(115.0)    # of the arms of an artificial lens, mm, and how far they turn
@@ -54,7 +55,7 @@ class Liquids:
     ----------
     parts : interface and faces on the plane of the cut.
     left_out : drops of oil too small to draw.
-    places : name of a part -> (3,) mm, a point deep in a face on the cut, for its label.
+    places : name of a part -> (3,) mm, for its label: a point deep in a face on the cut, or amid the interface.
     """
 
     parts: list[Part]
@@ -162,7 +163,7 @@ def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
     corner = np.linspace(segment.limbus, np.arctan2(ANGLE, segment.root), 10)
     outer, inner = _arc(segment.outside(angle), angle), _arc(segment.inside(angle), angle)
     parts: list[Part | None] = [
-        revolved("cornea", outer, opening), revolved("cornea", inner, opening),
+        revolved("cornea", outer, opening, SMOOTH_TURNS), revolved("cornea", inner, opening, SMOOTH_TURNS),
         revolved("sclera", np.stack([inner[-1], outer[-1]]), opening),
         clipped(revolved("sclera", _arc(segment.inside(corner), corner), opening), anatomy.inside)]
     parts += [opening.face(f"{name}_cut", getattr(anatomy, name)(at)) for name in ("cornea", "iris", "ciliary", "lens")]
@@ -176,7 +177,7 @@ def _front_of(anatomy: Anatomy, opening: Opening) -> list[Part | None]:
         parts.append(ciliary_processes(anatomy, opening))
     lens = anatomy.lens_outline()
     if lens is not None:
-        parts.append(revolved("lens", lens, opening))
+        parts.append(revolved("lens", lens, opening, SMOOTH_TURNS))
     if segment.lens == "phakic":
         parts.append(zonular_fibers(anatomy, opening))
     elif segment.lens == "pseudophakic":
@@ -189,19 +190,21 @@ def _arc(reach: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return MM * np.stack([reach * np.sin(angle), reach * np.cos(angle)], axis=-1)
 
 
-def revolved(name: str, line: np.ndarray, opening: Opening, ridges: np.ndarray | None = None) -> Part:
+def revolved(name: str, line: np.ndarray, opening: Opening, turns: int = TURNS,
+             ridges: np.ndarray | None = None) -> Part:
     """The surface of a line (n, 2) that turns about the optic axis, in the half that stays.
 
     Parameters
     ----------
     line : distance from the optic axis and height, mm.
-    ridges : (``TURNS`` + 1, n) by which the line is moved outward in every step of the turn, mm.
+    turns : steps of the half turn.
+    ridges : (``turns`` + 1, n) by which the line is moved outward in every step of the turn, mm.
     """
-    turn = opening.middle + np.linspace(-0.5 * np.pi, 0.5 * np.pi, TURNS + 1)[:, None]
-    across = line[:, 0] + (np.zeros((TURNS + 1, 1)) if ridges is None else ridges)
+    turn = opening.middle + np.linspace(-0.5 * np.pi, 0.5 * np.pi, turns + 1)[:, None]
+    across = line[:, 0] + (np.zeros((turns + 1, 1)) if ridges is None else ridges)
     height = np.broadcast_to(line[:, 1], across.shape)
     points = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
-    corner = np.arange(TURNS)[:, None] * len(line) + np.arange(len(line) - 1)
+    corner = np.arange(turns)[:, None] * len(line) + np.arange(len(line) - 1)
     quads = np.stack([corner, corner + len(line), corner + len(line) + 1, corner + 1], axis=-1).reshape(-1, 4)
     along, around = np.gradient(points, axis=1), np.gradient(points, axis=0)
     if ridges is None:
@@ -227,7 +230,7 @@ def ciliary_processes(anatomy: Anatomy, opening: Opening) -> Part:
     line = np.stack([np.interp(fine, np.arange(len(line)), column) for column in line.T], axis=-1)
     valley = np.maximum(np.linspace(line[0, 0], line[-1, 0], len(line)) - line[:, 0], 0.0)
     low = 0.5 - 0.5 * np.cos(2.0 * PROCESSES * np.linspace(0.0, np.pi, TURNS + 1)[:, None])     # none on the cut
-    return clipped(revolved("ciliary", line, opening, low * valley), anatomy.inside)
+    return clipped(revolved("ciliary", line, opening, ridges=low * valley), anatomy.inside)
 
 
 def walls_of(eye, anatomy: Anatomy, opening: Opening) -> list[Part]:
@@ -328,8 +331,19 @@ def liquids_of(oil, anatomy: Anatomy, opening: Opening, particle: float, whole: 
         push = np.where(anatomy.pane(np.asarray(smooth.points, float)) < 0.0, depth, push)
     smooth.points = np.asarray(smooth.points) + (push * touching)[:, None] * directions
     of_oil = _distance_on_plane(smooth, opening, inside < 1.0)
-    return _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
-                  [half_of("interface", smooth, opening)], left_out)
+    interface = half_of("interface", smooth, opening)
+    found = _faces(opening, {"oil_face": np.maximum(inside, of_oil), "aqueous_face": np.maximum(inside, -of_oil)},
+                   [interface], left_out)
+    return dataclasses.replace(found, places=found.places | _amid(interface, anatomy))
+
+
+def _amid(interface: Part | None, anatomy: Anatomy) -> dict[str, np.ndarray]:
+    """The place of the interface for its label, of what of it lies away from the wall."""
+    points = np.zeros((0, 3)) if interface is None else interface.points
+    points = points[anatomy.inside(points) < -NEAR_WALL] if len(points) else points
+    if not len(points):
+        return {}
+    return {"interface": points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]}
 
 
 def _faces(opening: Opening, levels: dict[str, np.ndarray], parts: list, left_out: int) -> Liquids:

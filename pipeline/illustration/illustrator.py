@@ -14,7 +14,7 @@ from pipeline.illustration.geometry import Liquids, Opening, Part, liquids_of, o
 from pipeline.illustration.lettering import Name, lettered
 from pipeline.illustration.looks import LOOKS
 from pipeline.illustration.style import Style
-from pipeline.illustration.view import view_of
+from pipeline.illustration.view import View, view_of
 from pipeline.pictures.fundus_map import disc_direction
 from pipeline.pictures.marks import clock, pretty
 from pipeline.pictures.paint import paint_of
@@ -42,9 +42,10 @@ class Illustrator:
     scene : resolved scene.
     eye : pyvista.PolyData of the cavity, m.
     gravity : (3,) m/s2, by which the plane of the cut is chosen.
+    film : whether many frames are drawn one after another.
     """
 
-    def __init__(self, scene: Scene, eye, gravity: np.ndarray, style: Style):
+    def __init__(self, scene: Scene, eye, gravity: np.ndarray, style: Style, *, film: bool = False):
         import trimesh
 
         self.scene, self.style = scene, style
@@ -65,37 +66,50 @@ class Illustrator:
         self.textures = {"wall": fundus_texture(globe, self.right_eye), "iris": iris_texture()}
         self.look = LOOKS[style.look]
         self._tracer = mitsuba_picture.Tracer(self.parts, self.look, self.textures, style.size, style.samples,
-                                              style.threads) if style.renderer == "mitsuba" else None
+                                              style.threads, film=film) if style.renderer == "mitsuba" else None
 
-    def picture(self, frame: FrameData, surfaces: dict, swing: float = 0.0) -> Image.Image:
-        """The illustration of one frame.
+    def liquids(self, frame: FrameData, surfaces: dict) -> Liquids:
+        """What is shown of the liquids of one frame.
 
         Parameters
         ----------
         surfaces : dict oil -> closed pyvista.PolyData with ``depth``, m.
-        swing : how far the camera has gone around, rad.
         """
         import pyvista
 
         oil = pyvista.merge(list(surfaces.values()), merge_points=False) if len(surfaces) > 1 else \
             next(iter(surfaces.values()), pyvista.PolyData())
-        view = dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle, self.extent),
-                                   toward=self.toward, swing=swing)
-        liquids = liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3,
-                             self.look.whole)
+        return liquids_of(oil, self.anatomy, self.opening, frame.particle_spacing**3, self.look.whole)
+
+    def picture(self, frame: FrameData, liquids: Liquids, swing: float = 0.0) -> Image.Image:
+        """The illustration of one frame, without its words.
+
+        Parameters
+        ----------
+        swing : how far the camera has gone around, rad.
+        """
+        view = self._view(frame, swing)
         if self._tracer is not None:
             table = min(float((part.points @ view.up).min()) for part in self.parts)
             pixels = mitsuba_picture.developed(self._tracer.trace(liquids.parts, view, table))
         else:
             pixels = pyvista_picture.draw([*self.parts, *liquids.parts], self.look, self.textures, view,
                                           self.style.size)
+        return Image.fromarray(pixels)
+
+    def with_words(self, picture: Image.Image, frame: FrameData, liquids: Liquids, swing: float = 0.0) -> Image.Image:
+        """The illustration of one frame with the words that its style asks for."""
         if self.style.letters == "none":
-            return Image.fromarray(pixels)
+            return picture
         scene, with_names = self.scene, self.style.letters == "names"
-        return lettered(pixels, view, self._names(liquids) if with_names else [],
+        return lettered(picture, self._view(frame, swing), self._names(liquids) if with_names else [],
                         legend=[] if with_names else self._legend(liquids), title=scene.title or scene.name,
                         time=f"{clock(frame.time, scene.output.second_means)}, {self.half}", label=scene.label,
                         posture=posture(frame.gravity), notes=self._notes(liquids))
+
+    def _view(self, frame: FrameData, swing: float) -> View:
+        return dataclasses.replace(view_of(frame.gravity, self.right_eye, self.middle, self.extent),
+                                   toward=self.toward, swing=swing)
 
     @property
     def half(self) -> str:
@@ -127,7 +141,7 @@ class Illustrator:
         """Colors (3,) and names of the liquids that are there, in the colors of all other pictures."""
         paint = paint_of(self.scene)
         oil = paint.covered if self.look.oil is None else rgb(self.look.oil)
-        colors = {"oil_face": oil, "aqueous_face": paint.bare}
+        colors = {"oil_face": oil, "aqueous_face": paint.bare, "interface": rgb(self.look.interface)}
         return [(tuple(int(part) for part in colors[face]), _capital(self._liquid_name(face)))
                 for face in colors if face in liquids.places]
 
@@ -146,6 +160,8 @@ class Illustrator:
         return reach[np.argmax(self.anatomy.inside(reach) > 0.0)]
 
     def _liquid_name(self, face: str) -> str:
+        if face == "interface":
+            return "interface between them"
         around = liquid_around(self.scene)
         names = oils_of(self.scene) if face == "oil_face" else [around.name] if around else []
         return " and ".join(pretty(name) for name in names) or "liquid"
@@ -157,7 +173,7 @@ class Illustrator:
         if face != "oil_face" or len(oils) != 1:
             return ""
         kinematic = 1e6 * oils[0].dynamic_viscosity / oils[0].density
-        words = f"{kinematic:.3g} mm²/s" if kinematic < 1000 else f"{round(kinematic, -1):,.0f} mm²/s"
+        words = (f"{kinematic:.3g}" if kinematic < 1000 else f"{round(kinematic, -1):,.0f}") + " mm²/s (cSt)"
         if others:
             words += ", floats up" if oils[0].density < others[0].density else ", sinks"
         return words

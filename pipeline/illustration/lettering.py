@@ -1,14 +1,16 @@
 """Words on an illustration: names with lines to what they name, time, gravity, scale, and what is not shown."""
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
 
 from pipeline.illustration.view import View
-from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, WARNING_INK, arrow, reduce, write
+from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, WARNING_INK, arrow, font, reduce, write
 
 LEFT, RIGHT = 0.2, 0.8          # of the width: where the names end and begin
+HEAD = 0.44                     # of the width: where the title ends, before the optic nerve of a prone patient
+LINE = 4.4                      # percent of the height, of a second line of the title
 LOWEST, HIGHEST = 0.78, 0.13    # of the height, between which names stand
 APART, PAIR = 0.062, 0.098      # of the height: from a name to the next, from one with a second line
 SCALE = 5.0                     # mm
@@ -23,9 +25,9 @@ class Name:
     more: str = ""
 
 
-def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: Sequence[tuple], title: str,
+def lettered(picture: Image.Image, view: View, names: Sequence[Name], *, legend: Sequence[tuple], title: str,
              time: str, label: str, posture: str, notes: Sequence[str]) -> Image.Image:
-    """An illustration (height, width, 3) with its words.
+    """An illustration with its words.
 
     Parameters
     ----------
@@ -33,17 +35,19 @@ def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: S
     posture : of the patient; empty without gravity.
     notes : sentences below the picture.
     """
-    height, width = pixels.shape[:2]
-    canvas = Image.fromarray(pixels).resize((OVERSAMPLING * width, OVERSAMPLING * height), Image.Resampling.NEAREST)
+    canvas = picture.resize((OVERSAMPLING * picture.width, OVERSAMPLING * picture.height), Image.Resampling.NEAREST)
     draw, size = ImageDraw.Draw(canvas), canvas.size
     u = size[1] / 100.0
-    write(draw, (2.4 * u, 2.2 * u), title, 3.4 * u, bold=True, width=0.62 * size[0])
-    write(draw, (2.4 * u, 7.0 * u), time, 2.6 * u, color=FAINT_INK)
+    lines = in_two_lines(title, lambda text: font(int(3.4 * u), True).getlength(text) <= HEAD * size[0])
+    for row, line in enumerate(lines):
+        write(draw, (2.4 * u, (2.2 + LINE * row) * u), line, 3.4 * u, bold=True, width=HEAD * size[0])
+    lower = LINE * (len(lines) - 1)
+    write(draw, (2.4 * u, (7.0 + lower) * u), time, 2.6 * u, color=FAINT_INK)
     if label:
         write(draw, (size[0] - 2.4 * u, 2.2 * u), label, 2.6 * u, bold=True, color=WARNING_INK, anchor="ra",
               width=0.34 * size[0])
     for row, (color, text) in enumerate(legend):
-        y = (14.0 + 5.0 * row) * u
+        y = (14.0 + lower + 5.0 * row) * u
         draw.rectangle([2.4 * u, y - 1.3 * u, 6.0 * u, y + 1.3 * u], fill=color, outline=FAINT_INK)
         write(draw, (7.2 * u, y), text, 2.6 * u, anchor="lm")
     middle = view.pixel(view.middle, size)[0]
@@ -52,7 +56,7 @@ def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: S
         place = view.pixel(name.place, size)
         sides[bool(place[0] < middle)].append((place, name))
     for left, column in sides.items():
-        _column(draw, size, column, left)
+        _column(draw, size, column, left, HIGHEST + 0.01 * lower if left else HIGHEST)
     _gravity(draw, view, posture, u, size)
     per_mm = float(np.linalg.norm(view.pixel(view.middle + view.axes[0], size) - view.pixel(view.middle, size)))
     end, base = size[0] - 4.0 * u, size[1] - 8.2 * u
@@ -64,12 +68,24 @@ def lettered(pixels: np.ndarray, view: View, names: Sequence[Name], *, legend: S
     return reduce(canvas)
 
 
-def _column(draw: ImageDraw.ImageDraw, size: tuple[int, int], column: list, left: bool) -> None:
-    """Names on one side, in the order of what they name, so that no line crosses another."""
+def in_two_lines(text: str, fits: Callable[[str], bool]) -> list[str]:
+    """A text as it is where it fits, else parted at the space after which the longer line is shortest."""
+    if fits(text) or " " not in text:
+        return [text]
+    words = text.split(" ")
+    return min(([" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))),
+               key=lambda lines: max(map(len, lines)))
+
+
+def _column(draw: ImageDraw.ImageDraw, size: tuple[int, int], column: list, left: bool, highest: float) -> None:
+    """Names on one side below a height, a share of the picture's.
+
+    They stand in the order of what they name, so that no line crosses another.
+    """
     u = size[1] / 100.0
     column = sorted(column, key=lambda entry: entry[0][1])
     heights = spread([entry[0][1] / size[1] for entry in column],
-                     [PAIR if entry[1].more else APART for entry in column])
+                     [PAIR if entry[1].more else APART for entry in column], highest)
     edge = (LEFT if left else RIGHT) * size[0]
     for (place, name), height in zip(column, heights, strict=True):
         y = height * size[1]
@@ -86,12 +102,12 @@ def _column(draw: ImageDraw.ImageDraw, size: tuple[int, int], column: list, left
                   width=room)
 
 
-def spread(heights: Sequence[float], gaps: Sequence[float]) -> list[float]:
+def spread(heights: Sequence[float], gaps: Sequence[float], highest: float = HIGHEST) -> list[float]:
     """Heights in rising order, moved apart by at least ``gaps`` (each to the next), as little as needed.
 
-    All stay between ``HIGHEST`` and ``LOWEST`` as long as there is room.
+    All stay between ``highest`` and ``LOWEST`` as long as there is room.
     """
-    placed = [max(HIGHEST, height) for height in heights]
+    placed = [max(highest, height) for height in heights]
     for k in range(1, len(placed)):
         placed[k] = max(placed[k], placed[k - 1] + gaps[k - 1])
     limit = LOWEST

@@ -37,6 +37,7 @@ class Look:
     noise : how many times as many paths of light it needs. Only where that is 1 the denoiser looks at what is behind
         the liquids.
     oil : its color in a legend, where that is not that of other pictures.
+    interface : its color in a legend: what it looks like through the liquids.
     """
 
     media: dict[str, Medium]
@@ -45,6 +46,7 @@ class Look:
     whole: bool = False
     noise: int = 1
     oil: str | None = None
+    interface: str = "#b8aeac"
 
 
 TISSUES = {
@@ -71,7 +73,7 @@ LOOKS = {
     "paper": Look(
         {"oil": Medium(0.9, (0.999, 0.999, 0.999)), "aqueous": Medium(0.5, (0.12, 0.45, 0.97)),
          "lens": Medium(0.16, (0.995, 0.985, 0.95))},
-        Tissue((0.92, 0.92, 0.92), 0.4, 0.9), noise=4, oil="#ffffff"),
+        Tissue((0.92, 0.92, 0.92), 0.4, 0.9), noise=4, oil="#ffffff", interface="#dcdcde"),
     "glass": Look(
         {"oil": Medium(0.022, (0.55, 0.42, 0.0)), "lens": Medium(0.16, (0.995, 0.985, 0.95))},
         Tissue((0.93, 0.87, 0.70), 0.6, 0.28), whole=True, noise=12),

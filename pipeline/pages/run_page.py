@@ -29,6 +29,7 @@ from pipeline.pictures.moments import read_picture, scaled
 from pipeline.pictures.pace import pace_of
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words, knows_films
+from pipeline.scenes.retina import side_word
 from pipeline.scenes.timeline import inherited, timeline_of, when
 from pipeline.simulation.cost_files import read_costs
 from pipeline.web.chart import Bar, bars, chart_library, chart_style, charts
@@ -175,8 +176,10 @@ def _fundus(run: RunFolder) -> dict[str, object] | None:
         return None
     kind = "gas" if any(liquid.density < GAS_DENSITY for liquid in scene.liquids) else "oil"
     films = f" Level stripes of pale blue: {kind} on a thin film of aqueous." if knows_films(scene) else ""
+    left = side_word(False, scene.eye.side == "right")
     return {"maps": list(fundus_strip(run)), "words": page.paragraph(
-        f"The {scene.eye.side} eye as its examiner sees it: macula in the middle; circles at the equator, the ora "
+        f"The {scene.eye.side} eye as its examiner sees it and a fundus photograph shows it, superior above and {left} "
+        f"on the left: macula in the middle; circles at the equator, the ora "
         f"serrata and the front of the pars plana. Colors are those of the movie.{films}")}
 
 

@@ -21,6 +21,11 @@ PARTS = {"superior": (12.0, 6.0), "nasal": (3.0, 6.0), "inferior": (6.0, 6.0), "
          "superior_temporal": (10.5, 3.0)}
 
 
+def side_word(toward_left: bool, right_eye: bool) -> str:
+    """The side of an eye toward the patient's left or right: "nasal" or "temporal"."""
+    return "nasal" if toward_left == right_eye else "temporal"
+
+
 @dataclasses.dataclass(frozen=True)
 class Patch:
     """A part of the wall between two meridians and two circles of latitude; angles in degrees.

@@ -171,13 +171,16 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
     for one in layout.headlines:
         row = headline(one, rows)
         shown = amount(row.value, row.unit) if row.value else amount(row.error, row.error_unit)
+        if one.uncertainty:
+            shown = amount(f"{row.value} ± {one.uncertainty}", row.unit)
         place = Path("docs") if one.page == BENCHMARKS else FOLDER
         body.append((f"[{one.words}]({(place / one.page).as_posix()}.md)", f"**{shown}**",
                      amount(row.expected, row.unit) if row.value else "", row.holds, row.size, f"`{row.command}`"))
     head = ("what", "number", "to compare", "holds", "size", "command")
     asked = [row for page in layout.pages for row in rows[page.name] if row.holds]
     near = sum(row.holds == "yes" for row in asked)
-    counts = (f"*To compare*: what was asked for, or an exact or independent solution. Of all {len(asked)} numbers "
+    counts = (f"*To compare*: what was asked for, or an exact or independent solution; *±*: by the particle spacing "
+              f"alone. Of all {len(asked)} numbers "
               f"that have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
     return f"{before}{mark}\n{table(head, body)}\n\n{counts}\n{other}{after}"
 

@@ -107,13 +107,14 @@ class Page:
 
 @dataclasses.dataclass(frozen=True)
 class Headline:
-    """A number of the README: what it says, and the row that has it."""
+    """A number of the README: what it says, the row that has it, and its uncertainty in the unit of that."""
 
     words: str
     page: str
     case: str
     quantity: str
     level: str = ""
+    uncertainty: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

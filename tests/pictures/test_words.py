@@ -146,6 +146,9 @@ def test_words_of_a_picture_are_its_numbers(made, drawn, posture, side):
     for name, number in numbers.items():
         assert number == pytest.approx(exact[name], abs=6.0 if name == "macula" else 3.0), name
     assert f"fundus of the {side} eye, as its examiner sees it" in drawn
+    halves = [text for text, *_ in drawn.texts if text.endswith(" half of the eye")]
+    if halves:      # where halves can be drawn; the camera of the upper one is on the patient's left
+        assert halves[0].startswith("temporal" if side == "right" else "nasal") and halves[0] != halves[1]
     share = 100.0 * np.mean(frame.phase == 1)
     assert drawn.one("of the cavity") == (f"silicone oil 1000: {share:.1f} % of the cavity "
                                           f"({1e9 * 4.0 / 3.0 * np.pi * RADIUS**3 * 1e-3:.2f} mL)")

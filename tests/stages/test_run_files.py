@@ -16,6 +16,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path, write_frame
 from pipeline.base.vtk_files import text_of
 from pipeline.cavity.surface import write_mesh
+from pipeline.exchange.paraview_view import view_script
 from pipeline.reconstruct import Wall, write_surfaces
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Break, Region
@@ -144,6 +145,15 @@ def test_script_for_paraview_is_beside_the_run(indexed, tmp_path):
                          (palette.rgb(palette.OIL), palette.rgb(palette.AQUEOUS), [214, 39, 40]))
     assert min(oil.mean(), aqueous.mean()) > 0.05
     assert 2e-4 < red.mean() < 0.01, "edges of the break in one half of the eye"
+
+
+@pytest.mark.parametrize("side, halves", [("right", '"temporal": 1.0,\n        "nasal": -1.0'),
+                                          ("left", '"nasal": 1.0,\n        "temporal": -1.0')])
+def test_halves_in_paraview_are_nasal_and_temporal(side, halves, tmp_path):
+    """The camera on the patient's left sees the half on the right, which is temporal in a right eye."""
+    scene = load_scene("config/scenes/tamponade.yaml", "draft")
+    scene = dataclasses.replace(scene, eye=dataclasses.replace(scene.eye, side=side))
+    assert halves in view_script(scene, tmp_path, painted=True)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e9)])

@@ -16,7 +16,7 @@ from pipeline.illustration.anatomy import MM, anatomy_of, in_meridian, in_mm, po
 from pipeline.illustration.fundus import SIZE, fundus_texture
 from pipeline.illustration.geometry import Liquids, Opening, fundus_places, liquids_of, parts_of_eye
 from pipeline.illustration.illustrator import Illustrator
-from pipeline.illustration.lettering import spread
+from pipeline.illustration.lettering import in_two_lines, spread
 from pipeline.illustration.style import Style, chosen_renderer
 from pipeline.illustration.view import view_of
 from pipeline.pictures.anterior_segment import ANGLE, anterior_segment
@@ -58,6 +58,16 @@ def half_full(height=0.0):
     box = pyvista.Cube(bounds=(-0.02, 0.02, height, 0.02, -0.02, 0.02)).triangulate().subdivide(4)
     box.point_data["depth"] = np.full(box.n_points, 5e-3)
     return box
+
+
+def ball(height):
+    """Closed oil in the middle of the eye, at a height (m)."""
+    import pyvista
+
+    oil = pyvista.Sphere(radius=6e-3, center=(0.0, height, -1e-3))
+    oil.clear_data()
+    oil.point_data["depth"] = np.full(oil.n_points, 5e-3)
+    return oil
 
 
 def frame(gravity=(0.0, -9.81, 0.0)):
@@ -200,10 +210,10 @@ def drawn(eye):
     for renderer in ("mitsuba", "pyvista"):
         illustrator = Illustrator(scene, surface, frame().gravity,
                                   Style(renderer, size=SMALL, samples=2, letters="none"))
-        found[renderer] = []
+        liquids, found[renderer] = illustrator.liquids(frame(), {"silicone_oil_1000": half_full()}), []
         for threads in (1, 2):
             drjit.set_thread_count(threads)
-            found[renderer].append(np.asarray(illustrator.picture(frame(), {"silicone_oil_1000": half_full()})))
+            found[renderer].append(np.asarray(illustrator.picture(frame(), liquids)))
     return found
 
 
@@ -234,11 +244,12 @@ def test_a_still_says_what_is_simulated_and_who_has_drawn_it(eye, monkeypatch):
     _, surface = eye
     scene, said = load_scene("config/scenes/tamponade.yaml", "draft"), []
     monkeypatch.setattr("pipeline.illustration.illustrator.lettered",
-                        lambda pixels, view, names, **words: said.append((names, words)))
-    style = Style("pyvista", size=SMALL)
-    Illustrator(scene, surface, frame().gravity, style).picture(frame(), {"silicone_oil_1000": half_full()})
+                        lambda picture, view, names, **words: said.append((names, words)))
+    illustrator = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL))
+    illustrator.with_words(None, frame(), illustrator.liquids(frame(), {"silicone_oil_1000": half_full()}))
     names, words = said[0]
-    assert [name.text for name in names][:2] == ["Silicone oil 1000", "Aqueous"] and names[0].more.endswith("floats up")
+    assert [name.text for name in names][:2] == ["Silicone oil 1000", "Aqueous"]
+    assert names[0].more.endswith("mm²/s (cSt), floats up")
     assert {"Macula", "Optic disc", "Iris", "Lens", "Cornea"} <= {name.text for name in names}
     assert "Shapes of the liquids: simulated" in words["notes"][0] and "drawn by VTK" in words["notes"][0]
     assert words["posture"] == "upright" and words["time"] == "t = 1.50 s, right eye, nasal half"
@@ -284,8 +295,14 @@ def test_a_film_that_was_stopped_goes_on_after_its_last_picture(tmp_path, monkey
     class Counting:
         stops_after = 2
 
-        def __init__(self, *_):
-            pass
+        def __init__(self, scene, *_, film):
+            self.scene = scene
+
+        def liquids(self, *_):
+            return None
+
+        def with_words(self, picture, *_):
+            return picture
 
         def picture(self, one, _):
             if len(drawn) == self.stops_after:
@@ -320,6 +337,57 @@ def test_a_film_that_was_stopped_goes_on_after_its_last_picture(tmp_path, monkey
     assert len(drawn) == 3
 
 
+def test_the_time_of_a_film_is_that_of_its_pictures_by_their_size_and_paths():
+    scene = load_scene("config/scenes/tamponade.yaml", "draft")
+    usual = illustrate.expected_minutes(scene, Style("mitsuba", size=(960, 540), samples=1, threads=2))
+    assert 201 * 2.0 / 60.0 < usual < 10.0
+    assert illustrate.expected_minutes(scene, Style("mitsuba", size=(1920, 1080), samples=1, threads=2)) == 4 * usual
+    assert illustrate.expected_minutes(scene, Style("mitsuba", size=(960, 540), samples=4, threads=2)) > 1.5 * usual
+
+
+@pytest.mark.thorough
+def test_a_film_is_traced_where_the_eye_is_and_looks_as_a_still_does(eye):
+    """Around the eye nothing changes from frame to frame; in it oil that has moved is seen, also behind the cut."""
+    _, surface = eye
+    scene, style = load_scene("config/scenes/tamponade.yaml", "draft"), Style("mitsuba", size=SMALL, samples=8)
+    film, alone = (Illustrator(scene, surface, frame().gravity, style, film=one) for one in (True, False))
+    liquids = [film.liquids(frame(), {"silicone_oil_1000": ball(height)}) for height in (-3e-3, 3e-3)]
+    first, second = (np.asarray(film.picture(frame(), one), float) for one in liquids)
+    left, upper, right, lower = film._tracer._surroundings.box
+    outside = np.ones(first.shape[:2], bool)
+    outside[upper:lower, left:right] = False
+    assert 0.2 < outside.mean() < 0.8 and np.array_equal(first[outside], second[outside])
+    assert np.abs(first - second)[~outside].mean() > 5.0
+    again = Illustrator(scene, surface, frame().gravity, style, film=True).picture(frame(), liquids[1])
+    assert np.array_equal(second, np.asarray(again))        # whatever was drawn before
+    still_picture = np.asarray(alone.picture(frame(), liquids[1]), float)
+    assert np.abs(second - still_picture).mean() < 4.0 and np.abs(second - still_picture)[outside].mean() < 3.0
+
+
+def test_a_box_holds_its_places_with_a_margin_and_stays_in_the_picture():
+    box = mitsuba_picture.box_of(np.array([[50.0, 30.0], [100.0, 89.0]]), SMALL)
+    assert 40 < box[0] < 50 and 20 < box[1] < 30 and 100 < box[2] < 110 and box[3] == SMALL[1]
+    share = mitsuba_picture._fading(box, SMALL)[..., 0]
+    assert share[-1, share.shape[1] // 2] == 1.0        # it fades at its own edges, not at those of the picture
+    assert share[0].max() < 0.5 and share[:, 0].max() < 0.5
+
+
+def test_the_interface_is_named_where_it_is_away_from_the_wall(eye):
+    anatomy, surface = eye
+    found = liquids_of(half_full(height=2e-3), anatomy, Opening(SIDEWAYS, 14.0), 1e-9)
+    place = found.places["interface"]
+    assert place[1] == pytest.approx(2.0, abs=0.1) and anatomy.inside(place[None])[0] < -0.8
+    scene = load_scene("config/scenes/tamponade.yaml", "draft")
+    illustrator = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL))
+    assert [words for _, words in illustrator._legend(found)] == ["Silicone oil 1000", "Aqueous",
+                                                                  "Interface between them"]
+
+
+def test_a_long_title_stands_in_two_lines_of_about_one_length():
+    assert in_two_lines("Emulsified silicone oil, after Song et al., Fig. 8", lambda text: len(text) < 30) == [
+        "Emulsified silicone oil,", "after Song et al., Fig. 8"]
+    assert in_two_lines("Tamponade", lambda text: True) == ["Tamponade"]
+    assert in_two_lines("Pneumonoultramicroscopic", lambda text: False) == ["Pneumonoultramicroscopic"]
 
 
 def test_a_turntable_ends_where_it_begins_and_never_looks_at_the_edge_of_the_cut():

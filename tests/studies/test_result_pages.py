@@ -101,6 +101,13 @@ def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_wri
     assert "**14.5 min**" in (project / "README.md").read_text()
 
 
+def test_a_number_of_the_readme_has_its_uncertainty_before_its_unit():
+    layout = read_layout(Path("docs/results"))
+    told = next(one for one in layout.headlines if one.uncertainty)
+    line = next(line for line in Path("README.md").read_text(encoding="utf-8").splitlines() if told.words in line)
+    assert re.search(rf"\| \*\*\S+ ± {told.uncertainty} %\*\* \|", line)
+
+
 def test_a_page_without_a_table_is_told(project):
     (project / "docs" / "results" / "old.md").write_text("# Old\n")
     with pytest.raises(UserError, match=r"old\.md: belongs to no page"):

@@ -103,7 +103,8 @@ def run(case: Parameters) -> Outcome:
         f"{' and '.join(f'{angle:g}' for angle in case.other_angles)} for the range.")
     outcome.tables["shares"] = [list(TOUCHED_BY_FILL), *lines]
     if case.maps:
-        outcome.pictures["fundus_maps"] = as_png_file(fundus_picture(pictures, case.postures, case.fills))
+        outcome.pictures["fundus_maps"] = as_png_file(fundus_picture(pictures, case.postures, case.fills,
+                                                                          TAMPONADES[case.tamponade]))
     return outcome
 
 

@@ -12,20 +12,20 @@ from PIL import Image, ImageDraw
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.rest import Rest
 from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, reduce, write
-from pipeline.pictures.paint import OF_OIL
+from pipeline.pictures.paint import OF_OIL, css
 from studies.questions.kit.words import posture_words
 
-MAPS_HEAD, MAPS_SIDE = 54, 118              # pixels of a picture of maps: above, and at the left
+MAPS_HEAD, MAPS_SIDE, MAPS_FOOT = 54, 118, 66   # pixels of a picture of maps: above, at the left, and below
 SIZE, GAP, SIDE, HEAD = 168, 6, 150, 34     # pixels: of a picture, between them, of the names, of the heads
 RAYS = 360                                  # of a section
 SECTION_REACH = 17e-3                       # m, half the width of a section: of the longest eye
 
 
-def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str],
-                   fills: Sequence[float]) -> Image.Image:
-    """Return maps, a row for every posture and a column for every fill, as one picture."""
+def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str], fills: Sequence[float],
+                   tamponade: str) -> Image.Image:
+    """Return maps of a right eye, a row for every posture and a column for every fill, as one picture."""
     width, height = maps[0][0].size
-    size = (MAPS_SIDE + len(fills) * (width + GAP), MAPS_HEAD + len(postures) * (height + GAP))
+    size = (MAPS_SIDE + len(fills) * (width + GAP), MAPS_HEAD + len(postures) * (height + GAP) + MAPS_FOOT)
     image = Image.new("RGB", size, "white")
     pen = ImageDraw.Draw(image)
     for column, fill in enumerate(fills):
@@ -37,8 +37,30 @@ def fundus_picture(maps: Sequence[Sequence[Image.Image]], postures: Sequence[str
         write(pen, (4, top + height / 2), posture_words(posture), 16, bold=True, color=INK, anchor="lm",
               width=MAPS_SIDE - 8)
         for column, one in enumerate(line):
-            image.paste(one, (MAPS_SIDE + column * (width + GAP), top))
+            left = MAPS_SIDE + column * (width + GAP)
+            image.paste(one, (left, top))
+            if row == 0:
+                for side, letter, anchor in ((6, "T", "lt"), (width - 6, "N", "rt")):
+                    write(pen, (left + side, top + 2), letter, 15, bold=True, color=INK, anchor=anchor)
+    _legend_of_maps(image, tamponade, size[1] - MAPS_FOOT + 6)
     return image
+
+
+def _legend_of_maps(image: Image.Image, tamponade: str, top: int) -> None:
+    """Write below maps of the fundus what colors, lines and letters mean."""
+    pen, left, middle = ImageDraw.Draw(image), float(MAPS_SIDE), top + 12
+    for colors, words in (((OF_OIL.covered,), f"touched by {tamponade}"), ((OF_OIL.bare,), "not touched: aqueous"),
+                          ((OF_OIL.covered, OF_OIL.bare), "depends on the contact angle")):
+        box = (round(left), top, round(left) + 34, top + 24)
+        pen.rectangle(box, fill=css(colors[-1]), outline=FAINT_INK)
+        for stripe in range(0, 34, 6) if len(colors) > 1 else ():
+            pen.rectangle((box[0] + stripe, top + 1, box[0] + stripe + 2, top + 23), fill=css(colors[0]))
+        left += 44 + 32 + write(pen, (left + 44, middle), words, 16, color=INK, anchor="lm")
+    write(pen, (left, middle), "pale rim: before the ora serrata, no retina", 16, color=INK, anchor="lm",
+          width=image.width - left)
+    write(pen, (MAPS_SIDE, middle + 32), "T temporal, N nasal: a right eye as the examiner sees it who faces the "
+          "patient. Circles: macula (beside it the optic disc), equator, ora serrata.", 16, color=INK, anchor="lm",
+          width=image.width - MAPS_SIDE)
 
 
 def as_png_file(image: Image.Image) -> bytes:

@@ -6,10 +6,12 @@ import re
 import numpy as np
 import pytest
 from conftest import ROOT
+from PIL import Image
 
 from pipeline.equilibrium import rest
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import COARSE, cavity_of
+from pipeline.pictures.paint import OF_OIL
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.model import Eye
 from pipeline.studies.model import Outcome
@@ -18,6 +20,7 @@ from pipeline.studies.report import write_study
 from studies.questions.filled_eye import filled_eye
 from studies.questions.filled_eye._words import SPHERE
 from studies.questions.filled_eye.filled_eye_page import Shares
+from studies.questions.kit import eye_pictures
 from studies.questions.kit.words import PARTS
 
 FILLS = (0.7, 0.8, 0.9)
@@ -130,3 +133,15 @@ def test_gas_in_front_of_the_viewpoint_is_seen_from_another_one(monkeypatch):
     assert course.best[0].settled and course.best[0].cavity is front
     found = dict(zip(PARTS, course.least[0], strict=True))
     assert found["macula"] == 0.0 and found["superior"] == pytest.approx(found["inferior"], abs=0.02)
+
+
+def test_maps_have_a_legend_below_and_tell_nasal_from_temporal(monkeypatch):
+    written = []
+    monkeypatch.setattr(eye_pictures, "write",
+                        lambda pen, place, text, *_, **__: written.append((text, place)) or 100.0)
+    one = Image.new("RGB", (168, 168), "white")
+    picture = eye_pictures.fundus_picture([[one] * 4] * 2, ["upright", "prone"], [0.6, 0.7, 0.8, 0.9], "light oil")
+    places = dict(written)
+    assert places["T"][0] < places["N"][0] and places["T"][1] < eye_pictures.MAPS_HEAD + 168
+    assert "touched by light oil" in places and places["touched by light oil"][1] > picture.height - 66
+    assert {tuple(OF_OIL.covered), tuple(OF_OIL.bare)} <= {color for _, color in picture.getcolors(1 << 20)}
