@@ -13,13 +13,15 @@ import numpy as np
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.energy import length_of
 from pipeline.equilibrium.rest import Liquids, Rest, at_rest, refined_start
-from pipeline.equilibrium.small_fills import Ball, seen, seen_from_its_middle
+from pipeline.equilibrium.small_fills import Ball, middle_of, seen, seen_from_its_middle
 from pipeline.equilibrium.star_cavity import COARSE, DRAFT, Level, StarCavity, levels_of, viewpoint_of
 from pipeline.scenes.model import Eye
 
 SMALL, LARGE = 0.5, 0.75    # fills below are seen from their own middle, those between from both; above, it is the same
 ALIKE = 1e-3            # of the energy: views of one shape from two points differ by less
+AXIS = 0.1e-3           # m: what is nearer to the middle plane is in it
 UNLIKE = 0.015          # of a part of the retina, from which two shapes are two: few directions blur by less
+UPWARD = 5e-4           # of the energy: of two shapes that are each other's mirror image the superior one is taken
 SAME = 1e-5             # of the energy, of one shape that two starts from one point come to
 HIGHER, HIGHEST = 0.5, 0.98  # a start from a larger fill: share of what is missing to a full cavity; at most
 BEYOND = 0.5            # of what four times as many directions change: what still more would, likely (R11)
@@ -178,7 +180,8 @@ def _same(one: Found, other: Found) -> bool:
 def _different(found: list[Found], contact: Callable[[Found], Contact]) -> list[Found]:
     """Shapes that differ, the one of least energy first; of two views of one that of the whole wall counts."""
     def rank(one: Found) -> float:
-        return one.energy + (0.0 if one.rest.cavity.whole is None else ALIKE * abs(one.energy))
+        inferior = middle_of(one.rest)[1] < -AXIS
+        return one.energy + abs(one.energy) * (ALIKE * (one.rest.cavity.whole is not None) + UPWARD * inferior)
 
     if len(found) < 2:
         return found

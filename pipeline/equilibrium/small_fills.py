@@ -76,7 +76,7 @@ def seen_from_its_middle(level: Level, whole: float, liquids: Liquids, down: np.
         rest = at_rest(cavity, liquids, down, fill, distance)
         if found is None or rest.settled >= found.settled:
             found = rest
-        middle = _middle(rest)
+        middle = middle_of(rest)
         if np.linalg.norm(middle - cavity.viewpoint) < CENTERED * radius:
             break
         try:
@@ -104,8 +104,8 @@ def _ball(cavity: StarCavity, volume: float) -> tuple[float, np.ndarray]:
     return radius, distance
 
 
-def _middle(rest: Rest) -> np.ndarray:
-    """Center of mass of the oil, (3,), m."""
+def middle_of(rest: Rest) -> np.ndarray:
+    """Return the center of mass of the oil, (3,), m."""
     cavity = rest.cavity
     volume = cavity.solid * rest.distance[cavity.faces].prod(axis=1)
     corners = (rest.distance[:, None] * cavity.direction)[cavity.faces]

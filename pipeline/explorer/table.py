@@ -51,15 +51,16 @@ class Table:
         margin, gap, doubt, view, shares = [], [], [], [], []
         for one in shapes:
             if one is None:
-                packed = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
+                values_of = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
             else:
-                packed = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
-                          255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
-                          np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
-                          128.0 + one.view / VIEW_STEP, one.shares)
-            for values, value in zip((margin, gap, doubt, view, shares), packed, strict=True):
+                values_of = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
+                             255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
+                             np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
+                             128.0 + one.view / VIEW_STEP, one.shares)
+            for values, value in zip((margin, gap, doubt, view, shares), values_of, strict=True):
                 values.append(value)
-        return cls(*(_eight_bits(values) for values in (margin, gap, doubt, view)), np.array(shares, np.float32))
+        packed = [_eight_bits(values) for values in (margin, gap, doubt, view)]
+        return cls(packed[0], packed[1], packed[2], packed[3], np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""

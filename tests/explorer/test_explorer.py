@@ -90,6 +90,14 @@ def test_at_a_node_is_the_shape_of_the_table(light, chart):
             assert other == pytest.approx(shown if mirror[1] > 0 else shown[[0, 2, 1, 3]], abs=2e-3)
 
 
+@pytest.mark.parametrize(("fill", "least"), [(0.3, 0.08), (0.4, 0.12), (0.5, 0.17), (0.6, 0.22)])
+def test_light_oil_of_a_supine_patient_leans_on_the_wall(light, chart, fill, least):
+    """It touched nothing when it was looked for from one point only: a shape with 1 to 2 % more energy."""
+    retina, superior, inferior, _ = chart.shares(look_up(light, tamponades()["light"].toward(down_of(90.0, 0.0)),
+                                                         fill).margin)
+    assert retina > least and superior > 0.15 and inferior < 0.01
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("oil", "fill", "posture", "pitch", "roll"), (
     ("silicone_oil_1000", 0.85, "upright", 0.0, 0.0), ("heavy_oil_densiron_68", 0.75, "left_side", 0.0, -90.0)))
