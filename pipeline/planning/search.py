@@ -18,6 +18,7 @@ from pipeline.cavity.eye_files import eye_files
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids
+from pipeline.equilibrium.star_cavity import FINE
 from pipeline.planning.chart import UNCERTAIN
 from pipeline.planning.settings import postures
 from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
@@ -27,7 +28,7 @@ from pipeline.scenes.retina import Patch, direction
 
 MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
-#: Of a fill that is needed, with 2,562 directions against 10,242: 0.3 points on the average, 1.2 at most.
+#: Of a fill that is needed; the share of the retina at a fill is at most 0.6 points off (docs/methods/equilibrium.md).
 FILL_ERROR = 0.01
 SHAPE_SECONDS = 0.25     # a shape takes on a core of 3 GHz, in the mean of fills and postures
 
@@ -203,7 +204,7 @@ def write_map(question: Question, folder: Path = MAP) -> int:
             seen = done.get((liquids, tuple(mirror * down + 0.0)))
             if seen is not None:
                 bar.update(len(FILLS))
-            table = seen.mirrored() if seen is not None else touch_of(resting, liquids, down, bar.update)
+            table = seen.mirrored() if seen is not None else touch_of(resting, liquids, down, bar.update, FINE)
             tables[key_of(liquids, posture)] = done[liquids, tuple(down + 0.0)] = table
     write_tables(folder, tables)
     return len(tables)

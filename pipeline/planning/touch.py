@@ -18,7 +18,7 @@ from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import shares
 from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids
-from pipeline.equilibrium.star_cavity import DRAFT, FINE
+from pipeline.equilibrium.star_cavity import DRAFT
 from pipeline.scenes.retina import ORA, direction
 
 FILLS = (0.5, 0.6, 0.7, 0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.92, 0.94, 0.96, 0.975, 0.985, 0.995)
@@ -76,14 +76,15 @@ def key_of(liquids: Liquids, posture: str) -> Key:
 
 
 def touch_of(resting: Resting, liquids: Liquids, down: np.ndarray,
-             advance: Callable[[float], object] = lambda count: None) -> Touch:
-    """Let the oil come to rest at all fills: with 10,242 directions in the shape of least energy, else with 2,562.
+             advance: Callable[[float], object] = lambda count: None, cuts: int = DRAFT) -> Touch:
+    """Let the oil come to rest at all fills.
 
     Parameters
     ----------
+    cuts : of the directions of the shape of least energy; others have 2,562.
     advance : called with the number of fills, after each.
     """
-    wall = resting.cavity(FINE)
+    wall = resting.cavity(cuts)
     meridian, latitude = (grid.ravel() for grid in np.meshgrid(MERIDIANS, LATITUDES))
     corners, weights = interpolation(wall.wall, wall.faces, direction(meridian, latitude))
     # At a fill without any shape nothing is known to be touched.
@@ -91,9 +92,10 @@ def touch_of(resting: Resting, liquids: Liquids, down: np.ndarray,
     covered = np.full((len(FILLS), len(SHARES)), np.nan)
     for index, fill in enumerate(FILLS):
         found = resting.shapes(liquids, down, fill)
-        found[:1] = [one for one in (resting.finer(first, liquids, down, DRAFT + 1) for first in found[:1])
-                     if one.rest.settled]
-        contacts = [resting.contact(one, FINE, beyond=True) for one in found]
+        for finer in range(DRAFT + 1, cuts + 1):
+            found[:1] = [one for one in (resting.finer(first, liquids, down, finer) for first in found[:1])
+                         if one.rest.settled]
+        contacts = [resting.contact(one, cuts, beyond=True) for one in found]
         if contacts:
             margins = np.array([(one.margin[corners] * weights).sum(axis=1) for one in contacts])
             least[index], both[index] = np.clip([margins[0], margins.min(axis=0)], -FARTHEST, FARTHEST)

@@ -62,7 +62,7 @@ def test_a_plan_has_the_shapes_of_a_scene(resting, monkeypatch, posture):
     scene = load_scene(ROOT / "config/scenes/eye_at_rest.yaml", "draft")
     liquids, down, fills = liquids_at_rest(scene), postures()[posture], (0.5, 0.85)
     monkeypatch.setattr("pipeline.planning.touch.FILLS", fills)
-    made = touch_of(resting, liquids, down)
+    made = touch_of(resting, liquids, down, cuts=FINE)
     kept = read_tables(MAP)[key_of(liquids, posture)]
     monkeypatch.undo()
     for fill, row in zip(fills, made.shares, strict=True):
