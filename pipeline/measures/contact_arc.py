@@ -102,7 +102,7 @@ def _ends(wall: PlaneWall, way: np.ndarray, oil: np.ndarray, depth: np.ndarray, 
     found = []
     for here, guess in zip(changes, guesses, strict=True):
         side = -1 if inside[here] else 1
-        others = [0.5 * abs(wall.apart(guess - other)) for other in guesses if other != guess]
+        others = [0.5 * float(np.abs(wall.apart(guess - other))) for other in guesses if other != guess]
         reach = min([REACH * spacing, *others])
         beyond = side * wall.apart(way - guess)
         near = np.abs(beyond) < reach
