@@ -25,7 +25,8 @@ def test_a_ball_at_the_wall_has_the_arc_of_geometry(sphere, size, angle):
     for up in ([0.0, 1.0, 0.0], [0.0, -0.6, 0.8]):
         oil = np.linalg.norm(sphere["fluid_position"] - center * np.array(up), axis=1) < ball
         found = contact_arc(distance, sphere["fluid_position"], oil, SPACING, np.radians(angle))
-        assert found == pytest.approx(exact, abs=2.0 if angle < 20.0 else 3.5)
+        # A steep wedge is thin over one particle only: then each end is known to half a spacing.
+        assert found == pytest.approx(exact, abs=2.0 if angle < 20.0 else np.degrees(SPACING / RADIUS))
         assert contact_arc(distance, sphere["fluid_position"], oil, SPACING, None) > exact + 3.0
 
 

@@ -135,6 +135,6 @@ def test_the_shape_of_least_energy_counts_and_the_range_holds_the_others():
     """Half of the eye, supine: oil that hangs on the lens alone has 2 % more energy than oil that leans on the wall."""
     oil = Liquids(35.0, 0.04, np.radians(18.2))
     course = course_of(Resting.of(Eye()), oil, filled_eye.down_of("supine"), (0.5,))
-    retina = PARTS.index("retina")
+    retina = list(PARTS).index("retina")
     assert course.least[0, retina] > 0.15 and course.low[0, retina] < 0.01
     assert course.high[0, retina] >= course.least[0, retina]
