@@ -30,7 +30,7 @@ MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
 #: Of a fill that is needed; the share of the retina at a fill is at most 0.6 points off (docs/methods/equilibrium.md).
 FILL_ERROR = 0.01
-SHAPE_SECONDS = 0.25     # a shape takes on a core of 3 GHz, in the mean of fills and postures
+SHAPE_SECONDS = 0.8      # all that is tried at a fill takes on a core of 3 GHz, in the mean of fills and postures
 
 
 class Tables:
@@ -167,7 +167,7 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
     cases = [(liquids, posture) for liquids in alike for posture in question.postures]
     missing = sum(case not in tables for case in cases)
     if missing:
-        _announce(2 * len(FILLS) * (missing + len(question.other_angles)))
+        _announce(len(FILLS) * (missing + len(question.other_angles)))
     tables.of(cases)  # all at once, with one progress
     fills = [tables.fill_for(case, points) for case in cases]
     best = cases[int(np.argmin(fills))]

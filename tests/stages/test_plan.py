@@ -182,10 +182,11 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
     light, heavy = report.verdict(asked, found)
     assert light == ("Light oil (silicone oil 1000, 1300, 2000 and 5000), patient upright: 93 % (91 to 95 %) of the "
                      "cavity; least when prone, 67 % (62 to 73 %); not covered when supine.")
-    assert heavy == "Heavy oil (Densiron 68), patient upright: at most 50 % of the cavity."
+    assert heavy == ("Heavy oil (Densiron 68), patient upright: at most 50 % of the cavity; not covered "
+                     "when prone.")
     lines = report.rows(asked, found)
     assert [line[0].partition(" (")[0] for line in lines] == 5 * ["light oil"] + 5 * ["heavy oil"]
-    assert lines[0][1:4] == ("prone", "67 %", "62 to 73 %") and report.not_covered(asked, found) == [4]
+    assert lines[0][1:4] == ("prone", "67 %", "62 to 73 %") and report.not_covered(asked, found) == [4, 9]
     assert not any("_" in cell for line in lines for cell in line)
     shown = [answer.posture for same in report.by_oil(asked, found).values()
              for answer in report.shown_first(asked, same)]
@@ -196,7 +197,7 @@ def test_what_an_eye_without_tables_takes_is_said_before_it_begins(tmp_path, mon
     made = []
 
     def touch_of(cavity, liquids, down, advance):
-        assert "180 shapes of oil at rest, about" in capsys.readouterr().err or made
+        assert "90 shapes of oil at rest, about" in capsys.readouterr().err or made
         made.append(down)
         return next(iter(read_tables(MAP).values()))
 
