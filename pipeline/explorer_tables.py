@@ -11,11 +11,10 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.progress import progress
-from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import check
-from pipeline.explorer.shapes import Cavities
+from pipeline.explorer.shapes import Views
 from pipeline.explorer.table import FOLDER, directions, make, path_of
 
 
@@ -38,9 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for length, name in missing:
             tamponade = tamponades()[name]
             bar.set_postfix_str(f"{length} mm, {tamponade.words}")
-            eye, cache = eyes()[length], options.cache / f"{length}mm_{name}"
-            chart = Chart.of(cavity_of(eye, DRAFT))
-            make(Cavities(eye), chart, tamponade, cache, bar.update).write(path_of(length, name, options.output))
+            views, cache = Views(eyes()[length]), options.cache / f"{length}mm_{name}"
+            make(views, Chart.of(views.wall), tamponade, cache, bar.update).write(path_of(length, name, options.output))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from pipeline.base.tables import write_table
 from pipeline.base.usage import frame_done
 from pipeline.cavity.initial_state import load_initial
 from pipeline.measures import mixing_metrics, place_metrics, rotation_metrics
+from pipeline.measures.contact_arc import contact_arc as contact_arc_of
 from pipeline.measures.events import events_of
 from pipeline.measures.film_course import FilmCourse
 from pipeline.measures.frame_view import MIXED, Measured
@@ -136,7 +137,8 @@ def wall_coverage_band(state):
 @metric("deg", "arc of the wall that is under oil in the sagittal plane, seen from the center of the eye",
         of_eye=True, place=5, uncertainty="contact_arc_band", limits=(0.0, 360.0))
 def contact_arc(state):
-    return state.wall.contact_arc()
+    return contact_arc_of(state.distance, state.frame.position, state.oil_fraction > 0.5, state.frame.particle_spacing,
+                          state.contact_angle)
 
 
 @metric("deg", "arc of the wall in that plane within one particle spacing of the contact line: half of it is the "

@@ -8,12 +8,14 @@ import functools
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.cavity.rays import interpolation
 from pipeline.cavity.regions import retina_parts
 from pipeline.equilibrium.rest import Rest
 from pipeline.equilibrium.star_cavity import StarCavity
 
 NEAREST = 8             # segments of the contact line tried for a point
 NO_LINE = 1.0           # m: the distance to the line where there is none
+HIDDEN = 1e-3           # m, behind the wall that a point sees: it does not see what lies there
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +35,17 @@ class Contact:
     def of(cls, rest: Rest) -> "Contact":
         """Read oil at rest."""
         return cls(rest.cavity, rest.depth)
+
+    def on(self, cavity: StarCavity) -> "Contact":
+        """Return the same line on the wall as another point sees it; what this one does not see is bare."""
+        if cavity is self.cavity:
+            return self
+        own = self.cavity
+        arm = cavity.wall - own.viewpoint
+        far = np.linalg.norm(arm, axis=1)
+        corners, weights = interpolation(own.wall - own.viewpoint, own.faces, arm / far[:, None])
+        depth, radius = ((values[corners] * weights).sum(axis=1) for values in (self.depth, own.radius))
+        return Contact(cavity, np.where(far < radius + HIDDEN, depth, -NO_LINE))
 
     @functools.cached_property
     def touched(self) -> np.ndarray:

@@ -3,11 +3,11 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest, refined_start
-from pipeline.equilibrium.small_fills import ALIKE, LARGE, SMALL, energy, finest_at_rest, small_at_rest
-from pipeline.equilibrium.star_cavity import FINE, cavity_of
+from pipeline.equilibrium.least import Resting
+from pipeline.equilibrium.rest import Liquids, Rest
+from pipeline.equilibrium.star_cavity import FINE
 from pipeline.scenes.effects import known_by_an_effect, sum_of_effects
-from pipeline.scenes.model import Eye, Scene
+from pipeline.scenes.model import Scene
 
 
 def liquids_at_rest(scene: Scene) -> Liquids:
@@ -15,22 +15,6 @@ def liquids_at_rest(scene: Scene) -> Liquids:
     aqueous, oil = scene.liquids[:2]
     return Liquids(aqueous.density - oil.density, sum_of_effects(scene, "tension_of"),
                    known_by_an_effect(scene, "contact_angle_of"), sum_of_effects(scene, "weight_of"))
-
-
-def rest_in_eye(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
-    """Return the shape of least energy of those that are found with few directions, with four times as many.
-
-    Few directions blur the contact line, and touch up to 0.7 points more of the retina. A fill that does not surround
-    the middle of the cavity is seen from its own middle; of one that may or may not, the shape with less energy counts.
-    """
-    found = least_at_rest(cavity_of(eye), liquids, down, fill) if fill >= SMALL else None
-    if found is None or not found.settled or fill < LARGE:
-        own = small_at_rest(eye, liquids, down, fill)
-        if found is None or not found.settled or (
-                own.settled and energy(own, liquids) < energy(found, liquids) - ALIKE * abs(energy(found, liquids))):
-            return finest_at_rest(eye, own, liquids, down)
-    cavity = cavity_of(eye, FINE)
-    return at_rest(cavity, liquids, down, fill, refined_start(found, cavity, FINE)) if found.settled else found
 
 
 def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
@@ -44,11 +28,11 @@ def rest_of(scene: Scene, down: np.ndarray, fill: float) -> Rest:
     ------
     UserError : no shape was found.
     """
-    best = rest_in_eye(scene.eye, liquids_at_rest(scene), down, fill)
-    if not best.settled:
+    best = Resting.of(scene.eye).least(liquids_at_rest(scene), down, fill, FINE)
+    if best is None:
         raise UserError(f"no shape of {100.0 * fill:g} % oil at rest was found in this posture, since one point must "
                         "see all of its surface; try another fill")
-    return best
+    return best.rest
 
 
 def depth_in_oil(rest: Rest, position: np.ndarray) -> np.ndarray:

@@ -27,7 +27,6 @@ JOINING = 6             # times that distances join those that stay at the wall,
 DRAWN_IN = 0.999        # of the wall: a start in a full cavity
 CLOSEST = 0.01          # of the wall: oil that comes nearer to the viewpoint is not seen from it, and no shape
 SHELLS = 40             # of the other liquid, along a ray
-HIGHER, HIGHEST = 0.5, 0.98  # a start from a larger fill: share of what is missing to a full cavity; at most
 FIRST_PRESSURE = 2.0    # of the oil over the other liquid: of a ball with the tension
 
 
@@ -140,16 +139,6 @@ def at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
         LOG.info("the shape of %.4g %% oil did not come to rest in %d steps", 100.0 * fill, STEPS)
     return Rest(cavity, length * distance, depth, fill, energy.value(distance), liquids.tension / length * pressure,
                 liquids.density_difference * liquids.gravity * np.asarray(down, float), settled)
-
-
-def least_at_rest(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
-    """Return the shape of least energy of those from three starts, since more than one shape may be at rest.
-
-    Starts: the oil drawn together, the oil at the wall, and the shape of a larger fill.
-    """
-    starts = [None, cavity.radius, at_rest(cavity, liquids, down, min(fill + HIGHER * (1.0 - fill), HIGHEST)).distance]
-    rests = [at_rest(cavity, liquids, down, fill, start) for start in starts]
-    return min(rests, key=lambda rest: (not rest.settled, rest.energy))
 
 
 def refined_start(coarse: Rest, fine: StarCavity, cuts: int) -> np.ndarray:

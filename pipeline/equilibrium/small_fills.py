@@ -1,114 +1,94 @@
-"""A small fill at rest: a bubble at the wall, or a pool, seen from its own middle and not from that of the cavity.
+"""Views of a small fill: a bubble at the wall, or a pool, is seen from its own middle and not from that of the cavity.
 
 Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
-from collections.abc import Sequence
+import functools
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.base.errors import UserError
-from pipeline.equilibrium.energy import length_of
-from pipeline.equilibrium.rest import DRAWN_IN, Liquids, Rest, at_rest, refined_start
-from pipeline.equilibrium.star_cavity import COARSE, DRAFT, FINE, Level, StarCavity, cavity_of, levels_of
-from pipeline.scenes.model import Eye
+from pipeline.equilibrium.rest import DRAWN_IN, Liquids, Rest, at_rest
+from pipeline.equilibrium.star_cavity import COARSE, Level, StarCavity
 
-SMALL, LARGE = 0.5, 0.75    # fills below are seen from their own middle, those between from both; above, it is the same
-ALIKE = 1e-3            # of the energy: views of one shape from two points differ by less
 ROUNDS = 5              # of a shape and a view from its middle, at most: two are usual
 CENTERED = 0.05         # from the middle of the oil, over the radius of a ball of it: near enough
 REACH = 2.0             # over that radius: how far oil is looked for
 DEPTHS = 40             # places for the ball that are tried along every ray
 LARGEST_BALL = 0.95     # of the largest one that the cavity holds
-FIRST_UP = 1e-3         # how little of y decides between places that are equally high
+LEAN = 0.3              # of the radius of the ball: how far off the axis it starts, for oil that may lean to any side
 HALVINGS = 50           # of the bisection
 
 
-def small_at_rest(eye: Eye, liquids: Liquids, down: np.ndarray, fill: float) -> Rest:
-    """Return the shape of least energy of those that are found from two starts, seen from its own middle.
-
-    Starts: a ball at the place of the cavity to which gravity drives it, and one on the axis, for oil or gas that lies
-    behind the lens. With 2,562 directions.
+class Ball:
+    """Where a ball of oil starts in a cavity.
 
     Parameters
     ----------
-    down : (3,), unit vector of gravity in the frame of the cavity.
-    fill : share of the cavity that is oil.
+    cavity : as one point sees all of it.
+    """
+
+    def __init__(self, cavity: StarCavity):
+        self._cavity = cavity
+
+    def start(self, drive: np.ndarray, volume: float) -> np.ndarray:
+        """Middle (3,), m, of the ball of a volume that has gone as far along `drive` as the wall lets it.
+
+        From there it leans a little to the side that `drive` leans to; superior, where it leans to none.
+        """
+        radius = (3.0 * volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        points, room = self._places
+        kept = points[room >= min(radius, LARGEST_BALL * room.max())]
+        place = kept[(kept @ drive).argmax()]
+        side = np.array([*drive[:2], 0.0])
+        side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([0.0, 1.0, 0.0])
+        return place + LEAN * min(radius, LARGEST_BALL * room.max()) * side
+
+    @functools.cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3), m, in the cavity, and how far the wall is from them, (n,), m."""
+        cavity, share = self._cavity, np.linspace(0.0, 1.0, DEPTHS, endpoint=False)
+        points = (cavity.viewpoint + share[:, None, None] * (cavity.radius[:, None] * cavity.direction)).reshape(-1, 3)
+        return points, cKDTree(cavity.wall).query(points)[0]
+
+
+def seen_from_its_middle(level: Level, whole: float, liquids: Liquids, down: np.ndarray, fill: float,
+                         start: np.ndarray) -> Rest:
+    """Return the shape that a ball around a point comes to, looked at from its middle until that stays where it is.
+
+    With 642 directions.
+
+    Parameters
+    ----------
+    level, whole : the cavity, and its volume, m3.
+    down : (3,), unit vector of gravity. fill : share of the cavity that is oil.
+    start : (3,), m.
 
     Raises
     ------
-    UserError : the user's mesh cannot be used, or no point sees its whole wall.
+    UserError : the point is not in the cavity.
     """
-    front = cavity_of(eye, COARSE, from_front=True).viewpoint
-    return seen_from_its_middle(levels_of(eye)[0], cavity_of(eye), liquids, down, fill, [front])
-
-
-def seen_from_its_middle(level: Level, cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
-                         others: Sequence[np.ndarray] = (), finest: int = DRAFT) -> Rest:
-    """Return the shape of least energy of those that are found from a ball driven up, or around other points.
-
-    Parameters
-    ----------
-    level, cavity : the same cavity, as a function of points (..., 3) in m and as one point sees all of it.
-    others : points (3,), m, in the cavity.
-    finest : cuts of the directions that the shape is taken on to.
-    """
-    drive = np.sign(liquids.density_difference) * np.asarray(down, float)
-    radius = (3.0 * fill * cavity.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
-    starts = [_place_of_ball(cavity, drive, radius), *others]
-    found = [_from_its_middle(level, cavity.volume, liquids, down, fill, start) for start in starts]
-    best = min(found, key=lambda rest: (not rest.settled, energy(rest, liquids)))
-    for cuts in range(COARSE + 1, finest + 1):
-        best = _finer(level, best, liquids, down, cuts)
-    return best
-
-
-def finest_at_rest(eye: Eye, rest: Rest, liquids: Liquids, down: np.ndarray) -> Rest:
-    """Return a shape of ``small_at_rest`` with 10,242 directions."""
-    return _finer(levels_of(eye)[0], rest, liquids, down, FINE)
-
-
-def _finer(level: Level, rest: Rest, liquids: Liquids, down: np.ndarray, cuts: int) -> Rest:
-    """The same shape with four times as many directions; as it is where it is not at rest."""
-    if not rest.settled:
-        return rest
-    finer = _seen(level, rest.cavity.viewpoint, cuts, rest.cavity.whole, rest.cavity.reach)
-    return at_rest(finer, liquids, down, rest.fill, refined_start(rest, finer, cuts))
-
-
-def _place_of_ball(cavity: StarCavity, drive: np.ndarray, radius: float) -> np.ndarray:
-    """Middle (3,), m, of the ball that has gone as far against `drive` as the wall lets it."""
-    share = np.linspace(0.0, 1.0, DEPTHS, endpoint=False)
-    points = (cavity.viewpoint + share[:, None, None] * (cavity.radius[:, None] * cavity.direction)).reshape(-1, 3)
-    room = cKDTree(cavity.wall).query(points)[0]
-    points = points[room >= min(radius, LARGEST_BALL * room.max())]
-    return points[(FIRST_UP * points[:, 1] - points @ drive).argmax()]
-
-
-def _seen(level: Level, viewpoint: np.ndarray, cuts: int, whole: float, reach: float) -> StarCavity:
-    """The cavity as it is seen from a point that may not see all of it."""
-    return dataclasses.replace(StarCavity.of_level(level, viewpoint, cuts, partly=True), whole=whole, reach=reach)
-
-
-def _from_its_middle(level: Level, whole: float, liquids: Liquids, down: np.ndarray, fill: float,
-                     viewpoint: np.ndarray) -> Rest:
-    """The shape that a ball around a point comes to, looked at from its middle until that stays where it is."""
-    cavity, found = _seen(level, viewpoint, COARSE, whole, np.inf), None
+    cavity, found = seen(level, start, COARSE, whole, np.inf), None
     for _ in range(ROUNDS):
-        radius, start = _ball(cavity, fill * whole)
+        radius, distance = _ball(cavity, fill * whole)
         cavity = dataclasses.replace(cavity, reach=REACH * radius)
-        rest = at_rest(cavity, liquids, down, fill, start)
+        rest = at_rest(cavity, liquids, down, fill, distance)
         if found is None or rest.settled >= found.settled:
             found = rest
-        middle = _middle(rest)
+        middle = middle_of(rest)
         if np.linalg.norm(middle - cavity.viewpoint) < CENTERED * radius:
             break
         try:
-            cavity = _seen(level, middle, COARSE, whole, np.inf)
+            cavity = seen(level, middle, COARSE, whole, np.inf)
         except UserError:  # of a ring the middle may lie in the lens: what was found from beside it is all
             break
     return found
+
+
+def seen(level: Level, viewpoint: np.ndarray, cuts: int, whole: float, reach: float) -> StarCavity:
+    """Return the cavity as it is seen from a point that may not see all of it."""
+    return dataclasses.replace(StarCavity.of_level(level, viewpoint, cuts, partly=True), whole=whole, reach=reach)
 
 
 def _ball(cavity: StarCavity, volume: float) -> tuple[float, np.ndarray]:
@@ -124,16 +104,9 @@ def _ball(cavity: StarCavity, volume: float) -> tuple[float, np.ndarray]:
     return radius, distance
 
 
-def _middle(rest: Rest) -> np.ndarray:
-    """Center of mass of the oil, (3,), m."""
+def middle_of(rest: Rest) -> np.ndarray:
+    """Return the center of mass of the oil, (3,), m."""
     cavity = rest.cavity
     volume = cavity.solid * rest.distance[cavity.faces].prod(axis=1)
     corners = (rest.distance[:, None] * cavity.direction)[cavity.faces]
     return cavity.viewpoint + volume @ corners.sum(axis=1) / (4.0 * volume.sum())
-
-
-def energy(rest: Rest, liquids: Liquids) -> float:
-    """Energy in J, with the weight counted from the origin, so that views from several points can be compared."""
-    cavity = rest.cavity
-    volume = float(cavity.solid @ rest.distance[cavity.faces].prod(axis=1)) / 6.0
-    return liquids.tension * length_of(cavity) ** 2 * rest.energy + volume * float(cavity.viewpoint @ rest.pull)

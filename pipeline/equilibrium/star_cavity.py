@@ -84,6 +84,11 @@ class StarCavity:
         slope = (gradient * direction).sum(axis=1) / np.linalg.norm(gradient, axis=1)
         return cls(viewpoint, direction, faces, near, np.maximum(slope, SMALLEST_COSINE))
 
+    @property
+    def cuts(self) -> int:
+        """Cuts of the icosahedron."""
+        return round(np.log2(0.1 * (len(self.radius) - 2)) / 2.0)
+
     @functools.cached_property
     def wall(self) -> np.ndarray:
         """Points of the wall, (n, 3), m."""
@@ -129,20 +134,32 @@ def levels_of(eye: Eye) -> tuple[Level, np.ndarray]:
     return (lambda points: distance.sample(points.reshape(-1, 3)).reshape(points.shape[:-1])), mesh.bounds
 
 
-def cavity_of(eye: Eye, cuts: int = DRAFT, *, from_front: bool = False) -> StarCavity:
+def cavity_of(eye: Eye, cuts: int = DRAFT) -> StarCavity:
     """Return the cavity of an eye, seen from the point of its axis that meets the wall least aslant.
-
-    An anterior chamber is seen through the pupil only, and a user's mesh from deepest behind all of its triangles.
-
-    Parameters
-    ----------
-    from_front : seen from the foremost point that does not meet it too aslant: what lies in the front has it within.
 
     Raises
     ------
     UserError : the user's mesh cannot be used, or no point sees its whole wall.
     """
-    level, (low, high) = levels_of(eye)
+    levels = levels_of(eye)
+    return StarCavity.of_level(levels[0], viewpoint_of(eye, levels), cuts)
+
+
+def viewpoint_of(eye: Eye, levels: tuple[Level, np.ndarray], *, from_front: bool = False) -> np.ndarray:
+    """Return the point (3,), m, of the axis that meets the wall least aslant.
+
+    An anterior chamber is seen through the pupil only, and a user's mesh from deepest behind all of its triangles.
+
+    Parameters
+    ----------
+    levels : of ``levels_of``.
+    from_front : the foremost point that does not meet the wall too aslant: what lies in the front has it within.
+
+    Raises
+    ------
+    UserError : no point sees the whole wall.
+    """
+    level, (low, high) = levels
     best, refusal = None, None
     for viewpoint in _viewpoints(eye, 0.5 * (high[2] - low[2])):
         try:
@@ -154,7 +171,7 @@ def cavity_of(eye: Eye, cuts: int = DRAFT, *, from_front: bool = False) -> StarC
             best = found
     if best is None:
         raise refusal
-    return best if cuts == COARSE else StarCavity.of_level(level, best.viewpoint, cuts)
+    return best.viewpoint
 
 
 def _viewpoints(eye: Eye, half: float) -> Sequence:

@@ -11,13 +11,11 @@ from markupsafe import Markup
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.equilibrium.contact import Contact
-from pipeline.equilibrium.rest import at_rest, refined_start
-from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
+from pipeline.equilibrium.star_cavity import FINE
 from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.lookup import look_up
-from pipeline.explorer.shapes import PARTS, Cavities, parts_of, rests_at
+from pipeline.explorer.shapes import PARTS, Views, parts_of
 from pipeline.explorer.table import FOLDER, Table, path_of
 from pipeline.scenes.value_files import down_in_head
 
@@ -90,8 +88,8 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
     found, random, kinds = Errors.read(folder), np.random.default_rng(SEED), tamponades()
     known = {tuple(row[:5]) for row in found.rows}
     there = {case: Table.read(path) for case in TABLES if (path := path_of(*case, folder)).is_file()}
-    cavities = {length: Cavities(eyes()[length]) for length in {length for length, _ in there}}
-    charts = {length: Chart.of(cavity_of(eyes()[length], DRAFT)) for length in cavities}
+    views = {length: Views(eyes()[length]) for length in {length for length, _ in there}}
+    charts = {length: Chart.of(view.wall) for length, view in views.items()}
     if not there:
         raise UserError(f"{folder} holds no tables to check; make them with python -m pipeline.explorer_tables")
     for number in range(count):
@@ -104,12 +102,12 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
         if setting in known:
             continue
         looked = look_up(there[length, name], toward, fill)
-        rests = rests_at(cavities[length], kinds[name], toward, fill)[1]
-        if looked is None or not rests:
+        shapes = views[length].shapes(kinds[name], toward, fill)
+        if looked is None or not shapes:
             continue
-        fine = cavities[length].seen(toward, fill, FINE)
-        rest = at_rest(fine, kinds[name].liquids, down_of(pitch, roll), fill, refined_start(rests[0], fine, FINE))
-        pairs = zip(charts[length].shares(looked.margin), parts_of(Contact.of(rest)), strict=True)
+        resting = views[length].resting
+        fine = resting.finer(shapes[0], kinds[name].liquids, down_of(pitch, roll), FINE)
+        pairs = zip(charts[length].shares(looked.margin), parts_of(resting.contact(fine)), strict=True)
         found.rows.append([*setting, *(f"{100 * value:.2f}" for pair in pairs for value in pair)])
         found.write(folder)
     return found

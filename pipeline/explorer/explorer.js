@@ -207,10 +207,10 @@ async function showExplorer(known) {
     const doubt = looked.shift.map(one => one + known.lineError);
     map.draw(eye, looked.margin, doubt, color(set.tamponade), tear, set.side === "right");
     if (shape) {
-      const made = surfaces[set.eye] = surfaces[set.eye] || eyeSurfaces(model, known, eye);
+      const made = surfaces[set.eye] = surfaces[set.eye] || eyeSurfaces(model, eye);
       shape.orient(turnOf(set));
       head.orient(turnOf(set));
-      shape.replace(0, made.tamponade(looked.gap(), looked.margin, toward, fill, color(set.tamponade).map(
+      shape.replace(0, made.tamponade(looked.gap(), looked.view, looked.margin, color(set.tamponade).map(
         (part, k) => 0.7 * part + 0.3 * known.colors.aqueous[k])));
       shape.replace(1, made.wall(looked.margin, color(set.tamponade), known.colors.aqueous));
       shape.replace(2, made.tear(tear, known.colors.tear));

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS
-from pipeline.explorer.table import SHARE_STEP, SHIFT_STEP, Table, margin_of
+from pipeline.explorer.table import SHARE_STEP, SHIFT_STEP, Table, gap_of, margin_of, view_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,10 +18,13 @@ class Looked:
 
     Attributes
     ----------
-    margin : (latitudes, meridians), m, in the frame of the eye. low, high : (4,) of shares. shift : (2,), m.
+    margin, gap : (latitudes, meridians), m, in the frame of the eye. low, high : (4,) of shares. shift : (2,), m.
+    view : (3,), m, the viewpoint of the gap, in the frame of the eye.
     """
 
     margin: np.ndarray
+    gap: np.ndarray
+    view: np.ndarray
     low: np.ndarray
     high: np.ndarray
     shift: np.ndarray
@@ -32,7 +35,8 @@ def look_up(table: Table, toward: np.ndarray, fill: float) -> Looked | None:
     meridian = np.degrees(np.arctan2(toward[0], toward[1])) % 360.0
     tilt = np.degrees(np.arccos(np.clip(-toward[2] / np.linalg.norm(toward), -1.0, 1.0)))
     azimuth = min(meridian % 180.0, 180.0 - meridian % 180.0)
-    margin, doubt = np.zeros((len(LATITUDES), len(MERIDIANS))), np.zeros(10)
+    margin, gap = np.zeros((2, len(LATITUDES), len(MERIDIANS)))
+    doubt, view = np.zeros(10), np.zeros(3)
     for one, of_tilt in _between(tilt, TILTS):
         for two, of_azimuth in zip(range(len(AZIMUTHS)), _of_azimuths(azimuth), strict=True):
             for three, of_fill in _between(_unfilled(fill), _unfilled(np.array(FILLS))):
@@ -42,14 +46,20 @@ def look_up(table: Table, toward: np.ndarray, fill: float) -> Looked | None:
                 if not table.margin[one, two, three].any():
                     return None
                 margin += weight * table.margin[one, two, three]
+                gap += weight * gap_of(table.gap[one, two, three])
                 doubt += weight * table.doubt[one, two, three]
+                view += weight * view_of(table.view[one, two, three])
     if meridian % 180.0 > 90.0:
-        margin = margin[:, -np.arange(len(MERIDIANS))]
+        margin, gap = (field[:, -np.arange(len(MERIDIANS))] for field in (margin, gap))
+        view[1] = -view[1]
     doubt = np.maximum(doubt, 0.0)
     low, high = SHARE_STEP * doubt[:4], SHARE_STEP * doubt[4:8]
     if toward[1] < 0.0:  # the tables are of a tamponade that goes up
         low, high = low[[0, 2, 1, 3]], high[[0, 2, 1, 3]]
-    return Looked(_turned(margin_of(margin), meridian), low, high, SHIFT_STEP * doubt[8:])
+    sine, cosine = np.sin(np.radians(meridian)), np.cos(np.radians(meridian))
+    point = np.array([sine * view[0] + cosine * view[1], cosine * view[0] - sine * view[1], view[2]])
+    return Looked(_turned(margin_of(margin), meridian), _turned(gap, meridian), point, low, high,
+                  SHIFT_STEP * doubt[8:])
 
 
 def _unfilled(fill):

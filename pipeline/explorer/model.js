@@ -31,10 +31,11 @@ function explorerModel(known) {
   async function eyeOf(data) {
     const wall = new Float32Array((await inflated(data.wall)).buffer), tables = {};
     for (const [name, packed] of Object.entries(data.tables)) {
-      const bytes = await inflated(packed), nodes = bytes.length / (2 * size + 10);
+      const bytes = await inflated(packed), nodes = bytes.length / (2 * size + 13);
       for (let k = 0; k < 2 * nodes * size; k++) if (k % columns) bytes[k] += bytes[k - 1];  // differences along a row
       tables[name] = {margin: bytes.subarray(0, nodes * size), gap: bytes.subarray(nodes * size, 2 * nodes * size),
-                      doubt: bytes.subarray(2 * nodes * size)};
+                      doubt: bytes.subarray(2 * nodes * size, 2 * nodes * size + 10 * nodes),
+                      view: bytes.subarray(2 * nodes * size + 10 * nodes)};
     }
     return {...data, wall, tables};
   }
@@ -94,6 +95,14 @@ function explorerModel(known) {
     return [...[first, first + 1].map(k => turned(where.mirrored ? -k : k, columns)), from - first];
   }
 
+  // The viewpoint of the gaps of the nodes, in the frame of the eye.
+  function viewOf(table, nodes, {meridian, mirrored}) {
+    const [along, turned, front] = [0, 1, 2].map(k => known.viewStep * nodes.reduce(
+      (sum, [node, weight]) => sum + weight * (table.view[3 * node + k] - 128), 0));
+    const [sine, cosine] = [Math.sin(meridian * radians), Math.cos(meridian * radians)], on = mirrored ? -turned : turned;
+    return [sine * along + cosine * on, cosine * along - sine * on, front];
+  }
+
   function lookUp(eye, table, toward, fill) {
     const where = place(toward), nodes = mixed(table, where, fill);
     if (!nodes) return null;
@@ -101,7 +110,7 @@ function explorerModel(known) {
     for (const [node, weight] of nodes) for (let k = 0; k < 10; k++) doubt[k] += weight * table.doubt[10 * node + k];
     const sure = [...doubt].map(value => Math.max(value, 0)), order = toward[1] < 0 ? [0, 2, 1, 3] : [0, 1, 2, 3];
     const margin = field(table.margin, nodes, where, toMargin);
-    return {margin, gap: () => field(table.gap, nodes, where, toGap), shares: shares(eye, margin),
+    return {margin, gap: () => field(table.gap, nodes, where, toGap), view: viewOf(table, nodes, where), shares: shares(eye, margin),
             low: order.map(k => known.shareStep * sure[k]), high: order.map(k => known.shareStep * sure[4 + k]),
             shift: [8, 9].map(k => known.shiftStep * sure[k])};
   }

@@ -17,12 +17,11 @@ from pipeline.base.palette import AQUEOUS, OIL
 from pipeline.base.words import NO_ADVICE
 from pipeline.cavity.regions import MACULA_RADIUS
 from pipeline.equilibrium.checked import CHECKED
-from pipeline.equilibrium.star_cavity import DRAFT, FINE, cavity_of
+from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.chart import wall_radius
 from pipeline.explorer.errors import Errors
-from pipeline.explorer.shapes import BEND, REACH, Cavities
-from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, path_of
+from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, VIEW_STEP, Table, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
 from pipeline.pages.turning_view import EYE_AXES, EYE_VIEW, EYE_VIEWS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_DISTANCE, DISC_RADIUS
@@ -31,7 +30,7 @@ from pipeline.planning.chart import UNCERTAIN
 from pipeline.planning.search import FILL_ERROR
 from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
-from pipeline.scenes.retina import DISC_RISE, ORA
+from pipeline.scenes.retina import DISC_RISE, ORA, globe_radius
 from pipeline.web.scripts import HERE as WEB
 from pipeline.web.scripts import POLICY, library
 
@@ -87,7 +86,7 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
     return {
         "tilts": TILTS.tolist(), "azimuths": len(AZIMUTHS), "fills": FILLS, "latitudes": len(LATITUDES),
         "meridians": len(MERIDIANS), "ora": ORA, "reach": MARGIN_REACH, "deepest": DEEPEST, "shareStep": SHARE_STEP,
-        "shiftStep": SHIFT_STEP, "towardReach": REACH, "towardBend": BEND, "wanted": WANTED, "lineError": UNCERTAIN,
+        "shiftStep": SHIFT_STEP, "viewStep": VIEW_STEP, "wanted": WANTED, "lineError": UNCERTAIN,
         "fillError": FILL_ERROR, "shareErrors": errors.usual, "largestFill": settings.largest_fill, "eyes": found,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
                               "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},
@@ -103,16 +102,16 @@ def _eye(name: str, eye: Eye, kinds: Mapping[str, Tamponade], folder: Path) -> d
     tables = {kind: Table.read(path) for kind in kinds if (path := path_of(name, kind, folder)).is_file()}
     if not tables:
         return None
-    cavity, cavities = cavity_of(eye, DRAFT), Cavities(eye)
+    cavity = cavity_of(eye)
     low, high = cavity.wall.min(axis=0), cavity.wall.max(axis=0)
-    globe = cavities.globe
+    globe = globe_radius(cavity.wall)
     return {
-        "name": name, "globe": globe, "middle": cavities.middle.tolist(), "center": (0.5 * (low + high)).tolist(),
+        "name": name, "globe": globe, "center": (0.5 * (low + high)).tolist(),
         "half": float(0.53 * (high - low).max()), "volume": 1e6 * cavity.volume,
         "macula": float(np.degrees(np.arcsin(MACULA_RADIUS / globe))),
         "disc": [float(np.degrees(DISC_DISTANCE / globe)), -DISC_RISE, float(np.degrees(DISC_RADIUS / globe))],
         "wall": _packed(wall_radius(cavity_of(eye, FINE), *_twice(LATITUDES, MERIDIANS)).astype("<f4")),
-        "tables": {kind: _packed(_differences(table.margin), _differences(table.gap), table.doubt)
+        "tables": {kind: _packed(_differences(table.margin), _differences(table.gap), table.doubt, table.view)
                    for kind, table in tables.items()},
     }
 

@@ -37,7 +37,9 @@ function cellsOf(rows, columns, chosen = () => true) {
   return found;
 }
 
-function eyeSurfaces(model, known, eye) {
+const STRIDE = 1.2e-3;      // m, along a ray to the wall
+
+function eyeSurfaces(model, eye) {
   const step = 2.5, rows = 73, columns = 144, {center, half} = eye;
   const grid = Array.from({length: rows * columns}, (_, k) => [step * (k % columns), step * Math.floor(k / columns)]);
   const rays = grid.map(([meridian, latitude]) => direction(meridian, latitude));
@@ -50,10 +52,16 @@ function eyeSurfaces(model, known, eye) {
 
   // Distance of the wall from a point within, along a ray.
   function wallFrom(point, ray) {
-    let near = 0, far = 2.6 * eye.globe;
-    for (let k = 0; k < 15; k++) {
-      const middle = 0.5 * (near + far), there = point.map((part, j) => part + middle * ray[j]);
-      if (Math.hypot(...there) > model.at(eye.wall, ...placeOf(there))) far = middle; else near = middle;
+    const outside = distance => {
+      const there = point.map((part, j) => part + distance * ray[j]);
+      return Math.hypot(...there) > model.at(eye.wall, ...placeOf(there));
+    };
+    let far = STRIDE;
+    while (far < 2.6 * eye.globe && !outside(far)) far += STRIDE;  // the first wall: another may lie behind the lens
+    let near = far - STRIDE;
+    for (let k = 0; k < 9; k++) {
+      const middle = 0.5 * (near + far);
+      if (outside(middle)) far = middle; else near = middle;
     }
     return near;
   }
@@ -81,10 +89,8 @@ function eyeSurfaces(model, known, eye) {
     },
 
     // The surface of the tamponade where it leaves the wall, up to the contact line.
-    tamponade(gap, margin, toward, fill, color) {
-      const gaps = model.doubled(evened(evened(gap))), fine = model.doubled(margin);
-      const away = known.towardReach * eye.globe * (1 - fill) ** known.towardBend;
-      const point = eye.middle.map((part, k) => part + away * toward[k]), toLine = [];
+    tamponade(gap, point, margin, color) {
+      const gaps = model.doubled(evened(evened(gap))), fine = model.doubled(margin), toLine = [];
       const points = rays.map((ray, k) => {
         const wall = wallFrom(point, ray), distance = clamp(wall - gaps[k], 0, wall);
         toLine.push(-model.at(fine, ...placeOf(point.map((part, j) => part + wall * ray[j]))) / 1e-3);

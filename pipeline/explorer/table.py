@@ -10,7 +10,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS, Tamponade
 from pipeline.explorer.chart import Chart
-from pipeline.explorer.shapes import PARTS, Cavities, Shape, shape_at
+from pipeline.explorer.shapes import PARTS, Shape, Views, shape_at
 from pipeline.scenes.load import PROJECT_CONFIG
 
 FOLDER = PROJECT_CONFIG / "oil_at_rest" / "explorer"
@@ -19,7 +19,9 @@ DEEPEST = 25e-3             # m, a gap that no eye exceeds
 SHARE_STEP = 0.002          # of what shares may be less or more
 SHIFT_STEP = 0.02e-3        # m, of the contact line
 NODES = (len(TILTS), len(AZIMUTHS), len(FILLS))
+VIEW_STEP = 0.1e-3          # m, of the viewpoint
 POLES = (0, len(TILTS) - 1)     # tilts at which every azimuth is the same direction
+LEANING = 0.05                  # of a half of the retina: a shape that covers so much more of the other leans to it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,30 +34,33 @@ class Table:
     gap : (..., latitudes, meridians) uint8: the root of gap over ``DEEPEST``, in 255 steps.
     doubt : (..., 10) uint8: what shares may be less (4) and more (4), and how far the contact line lies back and beyond
         then (2), which ``with_shifts`` fills in.
+    view : (..., 3) uint8: 128 is 0, in steps of ``VIEW_STEP``, the viewpoint of the gap as ``Shape`` has it.
     shares : (..., 4) float32, covered shares of ``PARTS`` of the shapes themselves.
     """
 
     margin: np.ndarray
     gap: np.ndarray
     doubt: np.ndarray
+    view: np.ndarray
     shares: np.ndarray
 
     @classmethod
     def of(cls, shapes: list[Shape | None]) -> "Table":
         """Pack shapes, one behind the other. Where none was found all is zero."""
         size = (len(LATITUDES), len(MERIDIANS))
-        margin, gap, doubt, shares = [], [], [], []
+        margin, gap, doubt, view, shares = [], [], [], [], []
         for one in shapes:
             if one is None:
-                packed = (np.zeros(size), np.zeros(size), np.zeros(10), np.full(len(PARTS), np.nan))
+                values_of = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
             else:
-                packed = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
-                          255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
-                          np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
-                          one.shares)
-            for values, value in zip((margin, gap, doubt, shares), packed, strict=True):
+                values_of = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
+                             255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
+                             np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
+                             128.0 + one.view / VIEW_STEP, one.shares)
+            for values, value in zip((margin, gap, doubt, view, shares), values_of, strict=True):
                 values.append(value)
-        return cls(_eight_bits(margin), _eight_bits(gap), _eight_bits(doubt), np.array(shares, np.float32))
+        packed = [_eight_bits(values) for values in (margin, gap, doubt, view)]
+        return cls(packed[0], packed[1], packed[2], packed[3], np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""
@@ -92,6 +97,16 @@ def margin_of(values: np.ndarray) -> np.ndarray:
     return REACH * (np.asarray(values, float) - 128.0) / 127.0
 
 
+def gap_of(values: np.ndarray) -> np.ndarray:
+    """Gaps, m, from those of a table."""
+    return DEEPEST * (np.asarray(values, float) / 255.0) ** 2
+
+
+def view_of(values: np.ndarray) -> np.ndarray:
+    """Viewpoints, m, from those of a table."""
+    return VIEW_STEP * (np.asarray(values, float) - 128.0)
+
+
 def _eight_bits(values: list[np.ndarray]) -> np.ndarray:
     return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)
 
@@ -108,7 +123,7 @@ def directions() -> Iterator[tuple[int, int]]:
             yield tilt, azimuth
 
 
-def make(cavities: Cavities, chart: Chart, tamponade: Tamponade, folder: Path,
+def make(views: Views, chart: Chart, tamponade: Tamponade, folder: Path,
          advance: Callable[[float], object]) -> Table:
     """Return the table of an eye and a tamponade; directions that are in the folder already are read.
 
@@ -120,7 +135,7 @@ def make(cavities: Cavities, chart: Chart, tamponade: Tamponade, folder: Path,
     for tilt, azimuth in directions():
         path = folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
         if not path.is_file():
-            shapes = [shape_at(cavities, tamponade, AZIMUTHS[azimuth], TILTS[tilt], fill) for fill in FILLS]
+            shapes = [shape_at(views, tamponade, AZIMUTHS[azimuth], TILTS[tilt], fill) for fill in FILLS]
             Table.of(shapes).write(path)
         found[tilt, azimuth] = Table.read(path)
         advance(len(FILLS))
@@ -132,8 +147,8 @@ def make(cavities: Cavities, chart: Chart, tamponade: Tamponade, folder: Path,
 
 
 def _turned(table: Table, azimuth: float) -> Table:
-    """The same shapes, with meridians that count from another one."""
+    """The same shapes on the axis, with meridians that count from another one; what leans, leans to that one then."""
     step = -round(azimuth / (MERIDIANS[1] - MERIDIANS[0]))
-    return dataclasses.replace(table, margin=np.roll(table.margin, step, axis=-1),
-                               gap=np.roll(table.gap, step, axis=-1))
-
+    straight = (np.abs(table.shares[:, 1] - table.shares[:, 2]) < LEANING)[:, None, None]
+    return dataclasses.replace(table, **{name: np.where(straight, np.roll(field, step, axis=-1), field)
+                                         for name, field in (("margin", table.margin), ("gap", table.gap))})

@@ -13,8 +13,9 @@ from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.words import NO_ADVICE, nearest
 from pipeline.equilibrium.contact import Contact, shares
-from pipeline.equilibrium.of_scene import rest_in_eye
+from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids, Rest
+from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.planning.chart import Charts
 from pipeline.planning.plan import read_eye, read_record
 from pipeline.planning.report import percent
@@ -65,7 +66,7 @@ class OilAtRest:
     @functools.cached_property
     def map(self) -> Image.Image:
         """What the oil touches, as a map of the fundus: ivory is touched."""
-        return Charts(self.rest.cavity.wall, {}, self.eye.side == "right").draw(self.rest)
+        return Charts(cavity_of(self.eye), {}, self.eye.side == "right").draw(Contact.of(self.rest))
 
     def _mesh(self, points: np.ndarray) -> "pyvista.PolyData":
         import pyvista
@@ -126,10 +127,10 @@ def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, postur
     shape = read_eye(eye or {})
     liquids = Liquids(materials[settings.other_liquid].density - materials[oil].density, given.tension,
                       given.contact_angle)
-    rest = rest_in_eye(shape, liquids, postures()[posture], share)
-    if not rest.settled:
+    least = Resting.of(shape).least(liquids, postures()[posture], share, FINE)
+    if least is None:
         raise UserError(f"{percent(share, 1)} of {oil}, {posture}: no shape at rest was found; try another fill")
-    return OilAtRest(oil, share, posture, shape, rest)
+    return OilAtRest(oil, share, posture, shape, least.rest)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -125,17 +125,9 @@ class WallContact:
         weight = self.weight if mask is None else self.weight * mask
         return float(weight[self.near_line].sum() / weight.sum()) if weight.any() else np.nan
 
-    def contact_arc(self) -> float:
-        """Return the covered arc in the sagittal plane (in 2D: in the plane), in degrees around the center."""
-        return self._arc(self.touched)
-
     def contact_arc_band(self) -> float:
-        """Return the arc of that plane within one particle spacing of the contact line, in degrees."""
-        return self._arc(self.near_line)
-
-    def _arc(self, touched: np.ndarray) -> float:
-        """The arc that a share of every wall point, (m,), makes up in the sagittal plane, in degrees."""
-        plane = self.position
+        """Return the arc of the sagittal plane within one particle spacing of the contact line, in degrees."""
+        plane, touched = self.position, self.near_line
         if self.position.shape[1] == 3:
             near = np.abs(self.position[:, 0]) < self.particle_spacing
             plane, touched = self.position[near][:, 1:], touched[near]

@@ -6,7 +6,7 @@ import pyvista
 from PIL import Image
 
 from pipeline.equilibrium.contact import Contact
-from pipeline.equilibrium.rest import Rest
+from pipeline.equilibrium.star_cavity import StarCavity
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.scenes.retina import Patch
@@ -21,21 +21,23 @@ class Charts:
 
     Parameters
     ----------
-    wall : (n, 3) m, of its cavity. breaks : name -> where. right_eye : whether nasal is the patient's left.
+    cavity : of which one point sees the whole wall. breaks : name -> where. right_eye : whether nasal is the patient's
+        left.
     """
 
-    def __init__(self, wall: np.ndarray, breaks: Mapping[str, Patch], right_eye: bool):
-        self._map = FundusMap(wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
+    def __init__(self, cavity: StarCavity, breaks: Mapping[str, Patch], right_eye: bool):
+        self._cavity = cavity
+        self._map = FundusMap(cavity.wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
                               outlines={name: one.outline() for name, one in breaks.items()})
 
-    def address(self, rest: Rest) -> str:
-        """Return the map of a shape at rest in this cavity as an address that holds it."""
-        return data_url(webp(self.draw(rest)), "image/webp")
+    def address(self, contact: Contact) -> str:
+        """Return the map of what oil at rest touches as an address that holds it."""
+        return data_url(webp(self.draw(contact)), "image/webp")
 
-    def draw(self, rest: Rest) -> Image.Image:
-        """Return the map of a shape at rest in this cavity."""
-        wall = pyvista.PolyData(rest.cavity.wall)
-        wall.point_data["contact_distance"] = Contact.of(rest).margin
+    def draw(self, contact: Contact) -> Image.Image:
+        """Return the map of what oil at rest touches."""
+        wall = pyvista.PolyData(self._cavity.wall)
+        wall.point_data["contact_distance"] = contact.on(self._cavity).margin
         wall.point_data["oil_fraction_covered"] = np.ones(wall.n_points)
         wall.point_data["oil_fraction_bare"] = np.zeros(wall.n_points)
         return reduce(self._map.draw(wall, uncertain=UNCERTAIN))

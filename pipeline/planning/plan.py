@@ -9,8 +9,8 @@ from markupsafe import Markup
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.words import NO_ADVICE
-from pipeline.equilibrium.rest import least_at_rest
-from pipeline.equilibrium.star_cavity import cavity_of, levels_of
+from pipeline.equilibrium.least import Resting
+from pipeline.equilibrium.star_cavity import levels_of
 from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
@@ -62,12 +62,16 @@ class Plan:
 
     def page(self) -> str:
         """Return all as a page, with maps of the fundus: of every oil in the first posture, and in the best one."""
-        cavity, question = cavity_of(self.eye), self.question
-        charts = Charts(cavity.wall, {"": question.place}, self.eye.side == "right")
+        resting, question = Resting.of(self.eye), self.question
+        charts, maps = Charts(resting.cavity(), {"": question.place}, self.eye.side == "right"), []
         shown = [answer for same in by_oil(question, self.answers).values() for answer in shown_first(question, same)]
-        maps = [(answer, charts.address(least_at_rest(
-            cavity, question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
-            min(answer.fill, question.largest_fill)))) for answer in shown[:MAPS]]
+        for answer in shown[:MAPS]:
+            least = resting.least(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
+                                  min(answer.fill, question.largest_fill))
+            if least is None:
+                raise UserError(f"{answer.oils[0]}, {answer.posture}, {100.0 * answer.fill:.1f} %: no shape at rest "
+                                "was found for the map; ask for other postures")
+            maps.append((answer, charts.address(resting.contact(least, beyond=True))))
         return html_of(self.question, self.answers, self.eye, maps)
 
     def scene(self) -> str:

@@ -3,6 +3,7 @@
 The tables of the default eye are in ``config/oil_at_rest``; those of others are kept in a folder of outputs.
 """
 import dataclasses
+import functools
 import hashlib
 import sys
 from collections.abc import Iterable, Sequence
@@ -15,9 +16,9 @@ from pipeline.base.progress import progress
 from pipeline.base.words import duration
 from pipeline.cavity.eye_files import eye_files
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.contact import Contact
-from pipeline.equilibrium.rest import Liquids, least_at_rest
-from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
+from pipeline.equilibrium.least import Resting
+from pipeline.equilibrium.rest import Liquids
+from pipeline.equilibrium.star_cavity import FINE
 from pipeline.planning.chart import UNCERTAIN
 from pipeline.planning.settings import postures
 from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
@@ -27,9 +28,9 @@ from pipeline.scenes.retina import Patch, direction
 
 MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
-#: Of a fill that is needed, with 2,562 directions against 10,242: 0.3 points on the average, 1.2 at most.
+#: Of a fill that is needed; the share of the retina at a fill is at most 0.6 points off (docs/methods/equilibrium.md).
 FILL_ERROR = 0.01
-SHAPE_SECONDS = 0.25     # a shape takes on a core of 3 GHz, in the mean of fills and postures
+SHAPE_SECONDS = 0.8      # all that is tried at a fill takes on a core of 3 GHz, in the mean of fills and postures
 
 
 class Tables:
@@ -47,7 +48,11 @@ class Tables:
         self._kept = read_tables(self._folder)
         self.shipped = dataclasses.replace(eye, side=Eye().side) == Eye()
         self._known = (read_tables(MAP) if self.shipped else {}) | self._kept
-        self._cavity: StarCavity | None = None
+
+    @functools.cached_property
+    def resting(self) -> Resting:
+        """The eye, in which oil comes to rest."""
+        return Resting.of(self.eye)
 
     def __contains__(self, case: tuple[Liquids, str]) -> bool:
         return key_of(*case) in self._known
@@ -58,12 +63,6 @@ class Tables:
         if missing:
             self._make(missing)
         return [self._known[key_of(*case)] for case in cases]
-
-    @property
-    def cavity(self) -> StarCavity:
-        """The cavity of the eye."""
-        self._cavity = self._cavity or cavity_of(self.eye)
-        return self._cavity
 
     def fill_for(self, case: tuple[Liquids, str], points: tuple[np.ndarray, np.ndarray]) -> float:
         """Return the smallest fill that touches all points, meridians and latitudes (k,) in degrees.
@@ -84,17 +83,20 @@ class Tables:
 
     def covers(self, case: tuple[Liquids, str], points: tuple[np.ndarray, np.ndarray], fill: float) -> bool:
         """Tell whether the shape at rest at a fill touches all points, as far as its edge is certain."""
-        corners, weights = interpolation(self.cavity.wall, self.cavity.faces, direction(*points))
-        rest = least_at_rest(self.cavity, case[0], postures()[case[1]], fill)
-        return rest.settled and float((Contact.of(rest).margin[corners] * weights).sum(axis=1).min()) > -UNCERTAIN
+        wall = self.resting.cavity()
+        corners, weights = interpolation(wall.wall, wall.faces, direction(*points))
+        least = self.resting.least(case[0], postures()[case[1]], fill)
+        if least is None:
+            return False
+        margin = self.resting.contact(least, beyond=True).margin
+        return float((margin[corners] * weights).sum(axis=1).min()) > -UNCERTAIN
 
     def _make(self, cases: Iterable[tuple[Liquids, str]]) -> None:
         cases = list(cases)
-        with progress(2 * len(FILLS) * len(cases), "oil at rest", unit="shape") as bar:
-            cavity = self.cavity
+        with progress(len(FILLS) * len(cases), "oil at rest", unit="fill") as bar:
             for liquids, posture in cases:
                 bar.set_postfix_str(posture.replace("_", " "))
-                self._kept[key_of(liquids, posture)] = touch_of(cavity, liquids, postures()[posture], bar.update)
+                self._kept[key_of(liquids, posture)] = touch_of(self.resting, liquids, postures()[posture], bar.update)
                 write_tables(self._folder, self._kept)
         self._known |= self._kept
 
@@ -165,7 +167,7 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
     cases = [(liquids, posture) for liquids in alike for posture in question.postures]
     missing = sum(case not in tables for case in cases)
     if missing:
-        _announce(2 * len(FILLS) * (missing + len(question.other_angles)))
+        _announce(len(FILLS) * (missing + len(question.other_angles)))
     tables.of(cases)  # all at once, with one progress
     fills = [tables.fill_for(case, points) for case in cases]
     best = cases[int(np.argmin(fills))]
@@ -190,20 +192,19 @@ def _announce(shapes: int) -> None:
 
 def write_map(question: Question, folder: Path = MAP) -> int:
     """Write the tables of the default eye for all oils, postures and contact angles of a question; return how many."""
-    eye = Eye()
-    cavity, tables = cavity_of(eye), {}
+    resting, tables = Resting.of(Eye()), {}
     all_liquids = dict.fromkeys(question.liquids(oil, angle) for oil in question.oils.values()
                                 for angle in (question.contact_angle, *question.other_angles))
     downs, mirror = postures(), np.array([-1.0, 1.0, 1.0])
     cases = [(liquids, posture) for liquids in all_liquids for posture in question.postures]
-    with progress(2 * len(FILLS) * len(cases), "oil at rest", unit="shape") as bar:
+    with progress(len(FILLS) * len(cases), "oil at rest", unit="fill") as bar:
         done: dict[tuple[Liquids, tuple[float, ...]], Touch] = {}
         for liquids, posture in cases:
             down = downs[posture]
             seen = done.get((liquids, tuple(mirror * down + 0.0)))
             if seen is not None:
-                bar.update(2 * len(FILLS))
-            table = seen.mirrored() if seen is not None else touch_of(cavity, liquids, down, bar.update)
+                bar.update(len(FILLS))
+            table = seen.mirrored() if seen is not None else touch_of(resting, liquids, down, bar.update, FINE)
             tables[key_of(liquids, posture)] = done[liquids, tuple(down + 0.0)] = table
     write_tables(folder, tables)
     return len(tables)

@@ -17,11 +17,11 @@ from pipeline.base.words import NO_ADVICE, columns, duration
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.contact import Contact, shares
-from pipeline.equilibrium.rest import Liquids, Rest, at_rest, least_at_rest
-from pipeline.equilibrium.star_cavity import StarCavity, cavity_of
+from pipeline.equilibrium.least import Found, Resting
+from pipeline.equilibrium.rest import Liquids, Rest, at_rest
+from pipeline.equilibrium.star_cavity import StarCavity
 from pipeline.planning.chart import Charts
 from pipeline.planning.settings import load_settings
-from pipeline.planning.touch import FILLS
 from pipeline.scenes.effects import known_by_an_effect
 from pipeline.scenes.fill import fill_at_end
 from pipeline.scenes.folders import scene_path, scenes_folder
@@ -32,6 +32,7 @@ from sim.effects import REGISTRY
 
 ALIKE = 1e-4                # directions of gravity that differ by less are one posture
 MOST_POSTURES = 100         # each takes about a second and a half
+LEAST_FILL, MOST_FILL = 0.01, 0.995
 MAPS = 12                   # that a page draws
 HERE = Path(__file__).parent
 SHOWN = ("retina", "superior", "inferior", "macula")
@@ -45,7 +46,7 @@ class Hold:
     ----------
     begin, end : s, in the time of the sequence.
     words : of the posture. down : (3,), direction of gravity in the eye.
-    rest : shape of the oil.
+    rest : shape of the oil. contact : what it touches.
     shares : covered shares of the wall and the parts of the retina.
     margins : m, how far the oil reaches beyond every break, negative where part of it is bare: with the contact angle
         of the scene, and the least and the most with the others that are possible.
@@ -57,6 +58,7 @@ class Hold:
     words: str
     down: np.ndarray
     rest: Rest
+    contact: Contact
     shares: dict[str, float]
     margins: dict[str, tuple[float, float, float]]
     pressures: dict[str, float]
@@ -104,40 +106,43 @@ def sequence_of(path: Path, accuracy: str = "draft") -> Sequence:
     scene = load_scene(path, accuracy)
     oil, fill, liquids = _oil_of(scene, path)
     postures = _held(scene, path)
-    cavity = cavity_of(scene.eye)
+    resting = Resting.of(scene.eye)
+    cavity = resting.cavity()
     breaks = scene.patches(globe_radius(cavity.wall))["breaks"]
     points = {name: interpolation(cavity.wall, cavity.faces, direction(*one.points())) for name, one in breaks.items()}
     other_angles = load_settings()[0].other_angles
-    known: dict[tuple[int, ...], list[Rest]] = {}
+    known: dict[tuple[int, ...], tuple[Rest, list[Contact]]] = {}
     holds, scale = [], scene.output.second_means or 1.0
     with progress(len(postures), "oil at rest", unit="posture") as bar:
         for begin, end, down, words in postures:
             key = tuple(np.round(down / ALIKE).astype(int))
             if key not in known:
-                known[key] = _with_other_angles(cavity, liquids, down, fill, other_angles)
-            rest, contacts = known[key][0], [Contact.of(one) for one in known[key]]
-            if not rest.settled:
-                raise UserError(f"{path}: no shape at rest was found for {words}, {100 * fill:g} % of {oil}: all of "
-                                "the surface of the oil must be seen from one point")
+                least = resting.least(liquids, down, fill)
+                if least is None:
+                    raise UserError(f"{path}: no shape at rest was found for {words}, {100 * fill:g} % of {oil}: all "
+                                    "of the surface of the oil must be seen from one point")
+                known[key] = least.rest, _contacts(resting, least, liquids, down, other_angles)
+            rest, contacts = known[key]
             margins, pressures = {}, {}
             for name, (corners, weights) in points.items():
                 found = [float((one.margin[corners] * weights).sum(axis=1).min()) for one in contacts]
                 margins[name] = (found[0], min(found), max(found))
                 pressure = rest.contact_pressure(np.einsum("kc,kcx->kx", weights, cavity.wall[corners]))
                 pressures[name] = float(pressure.min()) if found[0] > 0.0 else np.nan
-            holds.append(Hold(begin * scale, end * scale, words.replace("_", " "), down, rest, shares(contacts[0]),
-                              margins, pressures))
+            holds.append(Hold(begin * scale, end * scale, words.replace("_", " "), down, rest, contacts[0],
+                              shares(contacts[0]), margins, pressures))
             bar.update(1)
     return Sequence(scene, oil, fill, liquids, cavity, holds, other_angles)
 
 
-def _with_other_angles(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fill: float,
-                       angles: Iterable[float]) -> list[Rest]:
-    """Shape at rest, and from there those with other contact angles, as far as they settle."""
-    least = least_at_rest(cavity, liquids, down, fill)
-    others = [at_rest(cavity, dataclasses.replace(liquids, contact_angle=angle), down, fill, least.distance)
+def _contacts(resting: Resting, least: Found, liquids: Liquids, down: np.ndarray,
+              angles: Iterable[float]) -> list[Contact]:
+    """What a shape touches, and from there those with other contact angles, as far as they settle."""
+    rest = least.rest
+    others = [at_rest(rest.cavity, dataclasses.replace(liquids, contact_angle=angle), down, rest.fill, rest.distance)
               for angle in angles]
-    return [least, *(one for one in others if one.settled)]
+    return [resting.contact(least, beyond=True),
+            *(Contact.of(one).on(resting.cavity()) for one in others if one.settled)]
 
 
 def _held(scene: Scene, path: Path) -> list[tuple[float, float, np.ndarray, str]]:
@@ -171,9 +176,9 @@ def _oil_of(scene: Scene, path: Path) -> tuple[str, float, Liquids]:
                         f"shapes at rest are known from {np.degrees(SMALLEST_ANGLE):g} to "
                         f"{np.degrees(LARGEST_ANGLE):g} deg")
     share = fill[oil.name]
-    if not FILLS[0] <= share <= FILLS[-1]:
+    if not LEAST_FILL <= share <= MOST_FILL:
         raise UserError(f"{path}: the cavity ends with {100 * share:.4g} % of {oil.name}, but shapes at rest are known "
-                        f"from {100 * FILLS[0]:g} to {100 * FILLS[-1]:g} %")
+                        f"from {100 * LEAST_FILL:g} to {100 * MOST_FILL:g} %")
     weight = max(REGISTRY[name].weight_of(parameters) for name, parameters in scene.effects.items())
     return oil.name, share, Liquids(other.density - oil.density, tension, through_other, weight)
 
@@ -244,12 +249,12 @@ def text_of(sequence: Sequence) -> str:
 def html_of(sequence: Sequence) -> str:
     """Return all as a page, with maps of the first different postures."""
     patches = sequence.scene.patches(globe_radius(sequence.cavity.wall))["breaks"]
-    charts = Charts(sequence.cavity.wall, patches, sequence.scene.eye.side == "right")
+    charts = Charts(sequence.cavity, patches, sequence.scene.eye.side == "right")
     drawn = list({id(hold.rest): hold for hold in reversed(sequence.holds)}.values())[::-1][:MAPS]
     title = sequence.scene.title or sequence.scene.name
     return page.page(f"{title}: oil at rest", [page.rendered(
         HERE / "sequence.html", no_advice=NO_ADVICE, sentences=sentences(sequence),
-        maps=[(hold.words, f"{100 * hold.shares['retina']:.0f} % of the retina", charts.address(hold.rest))
+        maps=[(hold.words, f"{100 * hold.shares['retina']:.0f} % of the retina", charts.address(hold.contact))
               for hold in drawn],
         table=page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),
         assumed=assumptions(sequence), checked=CHECKED)], heading=title)

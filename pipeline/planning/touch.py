@@ -1,7 +1,7 @@
 """At which fill oil touches which part of the retina: one table for an eye, an oil and a posture, and its files.
 
-Oil comes to rest at every fill of ``FILLS`` twice: going up, as when it is filled in, and going down, as when it is
-taken out. Where these are two shapes, the one with less energy counts; with the other the answers are less certain.
+Of all shapes that are found at a fill of ``FILLS`` the one with least energy counts; with the others the answers are
+less certain.
 Equations: docs/methods/equilibrium.md.
 """
 import csv
@@ -15,9 +15,10 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.rays import interpolation
-from pipeline.equilibrium.contact import Contact, shares
-from pipeline.equilibrium.rest import Liquids, at_rest
-from pipeline.equilibrium.star_cavity import StarCavity
+from pipeline.equilibrium.contact import shares
+from pipeline.equilibrium.least import Resting
+from pipeline.equilibrium.rest import Liquids
+from pipeline.equilibrium.star_cavity import DRAFT
 from pipeline.scenes.retina import ORA, direction
 
 FILLS = (0.5, 0.6, 0.7, 0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.92, 0.94, 0.96, 0.975, 0.985, 0.995)
@@ -74,36 +75,35 @@ def key_of(liquids: Liquids, posture: str) -> Key:
             f"{np.degrees(liquids.contact_angle):.6g}", posture)
 
 
-def touch_of(cavity: StarCavity, liquids: Liquids, down: np.ndarray,
-             advance: Callable[[float], object] = lambda count: None) -> Touch:
+def touch_of(resting: Resting, liquids: Liquids, down: np.ndarray,
+             advance: Callable[[float], object] = lambda count: None, cuts: int = DRAFT) -> Touch:
     """Let the oil come to rest at all fills.
 
     Parameters
     ----------
-    advance : called with the number of shapes found, after each.
+    cuts : of the directions of the shape of least energy; others have 2,562.
+    advance : called with the number of fills, after each.
     """
+    wall = resting.cavity(cuts)
     meridian, latitude = (grid.ravel() for grid in np.meshgrid(MERIDIANS, LATITUDES))
-    corners, weights = interpolation(cavity.wall, cavity.faces, direction(meridian, latitude))
-    margins, covered = np.empty((2, len(FILLS), len(meridian))), np.empty((2, len(FILLS), len(SHARES)))
-    energy = np.full((2, len(FILLS)), np.inf)
-    for course, order in enumerate((range(len(FILLS)), reversed(range(len(FILLS))))):
-        start = None
-        for index in order:
-            rest = at_rest(cavity, liquids, down, FILLS[index], start)
-            contact, start = Contact.of(rest), rest.distance
-            margins[course, index] = (contact.margin[corners] * weights).sum(axis=1)
-            found = shares(contact)
-            covered[course, index] = [found[name] for name in SHARES]
-            energy[course, index] = rest.energy if rest.settled else np.inf
-            advance(1)
-    least, fill = energy.argmin(axis=0), np.arange(len(FILLS))
-    # A shape that has not settled is none; at a fill without any, nothing is known to be touched.
-    margins[~np.isfinite(energy)] = np.inf
-    margins[:, ~np.isfinite(energy).any(axis=0)] = -np.inf
-    margins = np.clip(margins, -FARTHEST, FARTHEST)
-    needed, by_both = (fills_needed(one).reshape(len(LATITUDES), len(MERIDIANS))
-                       for one in (margins[least, fill], margins.min(axis=0)))
-    return Touch(needed, by_both, covered[least, fill])
+    corners, weights = interpolation(wall.wall, wall.faces, direction(meridian, latitude))
+    # At a fill without any shape nothing is known to be touched.
+    least, both = np.full((2, len(FILLS), len(meridian)), -FARTHEST)
+    covered = np.full((len(FILLS), len(SHARES)), np.nan)
+    for index, fill in enumerate(FILLS):
+        found = resting.shapes(liquids, down, fill)
+        for finer in range(DRAFT + 1, cuts + 1):
+            found[:1] = [one for one in (resting.finer(first, liquids, down, finer) for first in found[:1])
+                         if one.rest.settled]
+        contacts = [resting.contact(one, cuts, beyond=True) for one in found]
+        if contacts:
+            margins = np.array([(one.margin[corners] * weights).sum(axis=1) for one in contacts])
+            least[index], both[index] = np.clip([margins[0], margins.min(axis=0)], -FARTHEST, FARTHEST)
+            parts = shares(contacts[0])
+            covered[index] = [parts[name] for name in SHARES]
+        advance(1)
+    needed, by_both = (fills_needed(one).reshape(len(LATITUDES), len(MERIDIANS)) for one in (least, both))
+    return Touch(needed, by_both, covered)
 
 
 def fills_needed(margin: np.ndarray) -> np.ndarray:

@@ -6,12 +6,10 @@ from helpers.cases import thorough
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.energy import Energy
-from pipeline.equilibrium.of_scene import rest_in_eye
+from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids, at_rest
-from pipeline.equilibrium.small_fills import seen_from_its_middle
-from pipeline.equilibrium.star_cavity import StarCavity, cavity_of, icosphere, parents
+from pipeline.equilibrium.star_cavity import FINE, StarCavity, cavity_of, icosphere, parents
 from pipeline.equilibrium.wetting import Wetting
-from pipeline.planning.settings import postures
 from pipeline.scenes.model import Eye
 from studies.validation.kit.young_laplace import oil_at_rest
 
@@ -61,8 +59,8 @@ def test_a_small_fill_has_the_shape_of_young_and_laplace(sphere, name, fill):
     """With 2,562 directions: the lowest point is within 0.05 mm, the arc 3 degrees; few directions touch too much."""
     liquids = {"oil": OIL, "gas": GAS}[name]
     exact = oil_at_rest(fill, liquids.contact_angle, liquids.density_difference * 9.81 / liquids.tension, RADIUS, 3)
-    rest = seen_from_its_middle(sphere_level, sphere, liquids, UPRIGHT, fill)
-    assert rest.settled and rest.cavity.viewpoint[1] > 3e-3
+    rest = Resting(sphere_level, np.zeros(3)).least(liquids, UPRIGHT, fill).rest
+    assert rest.cavity.viewpoint[1] > 3e-3
     contact = Contact.of(rest)
     assert contact.share() == pytest.approx(exact.coverage, abs=0.012)
     assert lowest(rest) == pytest.approx(exact.apex, abs=0.05e-3)
@@ -92,30 +90,11 @@ def test_the_default_eye_agrees_with_an_independent_minimizer(eye):
 @pytest.mark.thorough
 def test_a_scene_rests_in_a_finer_shape(eye):
     """Measured: 0.1 to 0.4 points off; few directions touch too much."""
-    rest = rest_in_eye(Eye(), OIL, UPRIGHT, 0.85)
-    assert rest.settled and len(rest.distance) > 3 * len(eye.direction)
+    rest = Resting.of(Eye()).least(OIL, UPRIGHT, 0.85, FINE).rest
+    assert len(rest.distance) > 3 * len(eye.direction)
     found = shares(Contact.of(rest))
     for name, share in INDEPENDENT.items():
         assert found[name] == pytest.approx(share, abs=0.005), name
-
-
-@pytest.mark.parametrize(("name", "posture", "fill"), [
-    ("oil", "supine", 0.02), thorough("oil", "upright", 0.2), thorough("gas", "supine", 0.2),
-    thorough("gas", "left_side", 0.02)])
-def test_small_fills_are_found_in_every_posture(name, posture, fill):
-    """Seen from the middle of the cavity, none of these was."""
-    rest = rest_in_eye(Eye(), {"oil": OIL, "gas": GAS}[name], postures()[posture], fill)
-    assert rest.settled
-    height = -(rest.surface @ postures()[posture])
-    assert height.max() > 0.99 * (-(rest.cavity.wall @ postures()[posture])).max() - 0.5e-3
-
-
-@pytest.mark.thorough
-def test_of_two_shapes_at_rest_the_one_with_less_energy_counts():
-    """Half of the cavity, supine: seen from the axis, oil hangs on the lens alone, with 2 % more energy."""
-    rest = rest_in_eye(Eye(), OIL, postures()["supine"], 0.5)
-    assert rest.settled and np.linalg.norm(rest.cavity.viewpoint[:2]) > 2e-3
-    assert shares(Contact.of(rest))["retina"] > 0.1
 
 
 @pytest.mark.thorough

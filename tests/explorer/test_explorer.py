@@ -90,6 +90,14 @@ def test_at_a_node_is_the_shape_of_the_table(light, chart):
             assert other == pytest.approx(shown if mirror[1] > 0 else shown[[0, 2, 1, 3]], abs=2e-3)
 
 
+@pytest.mark.parametrize(("fill", "least"), [(0.3, 0.08), (0.4, 0.12), (0.5, 0.17), (0.6, 0.22)])
+def test_light_oil_of_a_supine_patient_leans_on_the_wall(light, chart, fill, least):
+    """It touched nothing when it was looked for from one point only: a shape with 1 to 2 % more energy."""
+    retina, superior, inferior, _ = chart.shares(look_up(light, tamponades()["light"].toward(down_of(90.0, 0.0)),
+                                                         fill).margin)
+    assert retina > least and superior > 0.15 and inferior < 0.01
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("oil", "fill", "posture", "pitch", "roll"), (
     ("silicone_oil_1000", 0.85, "upright", 0.0, 0.0), ("heavy_oil_densiron_68", 0.75, "left_side", 0.0, -90.0)))
@@ -113,13 +121,14 @@ def test_the_page_finds_what_is_found_here(light, chart, known, tmp_path):
       const eye = await model.eyeOf(given.known.eyes.find(one => one.name === "24"));
       return given.settings.map(([fill, pitch, roll]) => {
         const down = gravity(pitch, roll), looked = model.lookUp(eye, eye.tables.light, down.map(part => -part), fill);
-        return {...looked, margin: [...looked.margin]};
+        return {...looked, margin: [...looked.margin], gap: [...looked.gap()]};
       });""", {"known": known, "settings": SETTINGS}, tmp_path)
     for (fill, pitch, roll), one in zip(SETTINGS, found, strict=True):
         here = look_up(light, -down_of(pitch, roll), fill)
         assert np.array(one["margin"]) == pytest.approx(here.margin.ravel(), abs=2e-6)
         assert one["shares"] == pytest.approx(chart.shares(here.margin), abs=2e-4)
-        for name in ("low", "high", "shift"):
+        assert np.array(one["gap"]) == pytest.approx(here.gap.ravel(), abs=2e-6)
+        for name in ("low", "high", "shift", "view"):
             assert one[name] == pytest.approx(getattr(here, name), abs=1e-6)
 
 
@@ -189,7 +198,8 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
     def shape_at(cavities, tamponade, meridian, tilt, fill):
         computed.append((tilt, meridian))
         field = np.broadcast_to(np.arange(len(MERIDIANS)) * 1e-4, size)
-        return None if fill == FILLS[0] else Shape(field, field, np.zeros(4), np.zeros(4), np.ones(4))
+        return None if fill == FILLS[0] else Shape(
+            field, field, np.zeros(3), np.zeros(4), np.zeros(4), np.ones(4))
 
     monkeypatch.setattr(tables, "shape_at", shape_at)
     first = make(None, chart, tamponades()["light"], tmp_path, lambda count: None)

@@ -9,7 +9,6 @@ from conftest import ROOT
 from pipeline import plan
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.rest import Liquids
-from pipeline.equilibrium.star_cavity import COARSE, cavity_of
 from pipeline.planning import confirm, sequence
 from pipeline.planning.breaks import read_break
 from pipeline.planning.search import Answer, Question
@@ -34,12 +33,6 @@ def scene_file(folder, text, base="resting_eye"):
     return path
 
 
-@pytest.fixture
-def coarse(monkeypatch):
-    """Shapes with few directions."""
-    monkeypatch.setattr(sequence, "cavity_of", lambda eye: cavity_of(eye, COARSE))
-
-
 DAY = """
 breaks:
   - {name: above, hour: 12, latitude: 80 deg, width: 1}
@@ -55,7 +48,7 @@ output: {duration: 4 s, second_means: 1 h}
 
 
 @pytest.mark.thorough
-def test_every_posture_that_is_held_has_a_shape(folder, coarse):
+def test_every_posture_that_is_held_has_a_shape(folder):
     found = sequence.sequence_of(scene_file(folder, DAY))
     assert [hold.words for hold in found.holds] == ["upright", "prone, head down 45 deg", "upright"]
     np.testing.assert_allclose([(hold.begin, hold.end) for hold in found.holds],
@@ -74,7 +67,7 @@ def test_every_posture_that_is_held_has_a_shape(folder, coarse):
 
 
 @pytest.mark.thorough
-def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
+def test_what_a_break_may_be_is_told_once_and_without_signs(folder):
     found = sequence.sequence_of(scene_file(folder, DAY))
 
     def told(*margins):
@@ -95,14 +88,14 @@ def test_what_a_break_may_be_is_told_once_and_without_signs(folder, coarse):
 
 
 @pytest.mark.thorough
-def test_times_bare_go_on_through_a_turn(folder, coarse):
+def test_times_bare_go_on_through_a_turn(folder):
     found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 60 deg")))
     assert found.covered("below") == (0.0, pytest.approx(14400.0))
 
 
 @pytest.mark.parametrize(("text", "base", "sentence"), [
     ("title: none", "still_eye", "needs two liquids in the cavity, a tension and a contact angle"),
-    ("initial: {fill: {silicone_oil_1000: 40 %, aqueous: 60 %}}", "resting_eye", "are known from 50 to 99.5 %"),
+    ("initial: {fill: {silicone_oil_1000: 0.5 %, aqueous: 99.5 %}}", "resting_eye", "are known from 1 to 99.5 %"),
     ("effects: {interface_tension: {contact_angle: 60 deg}}", "resting_eye", "at rest are known from 5 to 45 deg"),
     ("eye: null\ncontainer: {size: [20 mm, 20 mm, 20 mm]}\ninitial: null\nblocks:\n"
      "  - {liquid: aqueous, lower: [0 mm, 0 mm, 0 mm], upper: [20 mm, 20 mm, 20 mm]}", "resting_eye",
@@ -114,7 +107,7 @@ def test_a_scene_without_a_shape_at_rest_is_refused(folder, text, base, sentence
 
 
 @pytest.mark.thorough
-def test_the_stage_writes_a_page_with_a_map_of_every_posture(folder, coarse, tmp_path):
+def test_the_stage_writes_a_page_with_a_map_of_every_posture(folder, tmp_path):
     plan.main(["--sequence", str(scene_file(folder, DAY)), "--output", str(tmp_path / "day.html")])
     text = (tmp_path / "day.html").read_text()
     assert text.count("data:image/webp") == 2 and "head down 45 deg" in text

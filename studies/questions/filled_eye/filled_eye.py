@@ -9,8 +9,9 @@ import dataclasses
 import numpy as np
 
 from pipeline.equilibrium.contact import Contact
+from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids, at_rest
-from pipeline.equilibrium.star_cavity import DRAFT, StarCavity, cavity_of
+from pipeline.equilibrium.star_cavity import StarCavity
 from pipeline.scenes.model import Eye
 from pipeline.studies.family import Family
 from pipeline.studies.model import Outcome, Row
@@ -64,9 +65,7 @@ class Parameters:
 
 def run(case: Parameters) -> Outcome:
     """Let the tamponade come to rest at all fills, postures and contact angles."""
-    outcome, cavity = Outcome(), cavity_of(Eye(axial_length=case.axial_length))
-    front = cavity_of(Eye(axial_length=case.axial_length), from_front=True)
-    finer = cavity_of(Eye(axial_length=case.axial_length), DRAFT + 1)
+    outcome, resting = Outcome(), Resting.of(Eye(axial_length=case.axial_length))
     exact = [oil_at_rest(fill, np.radians(case.contact_angle), abs(case.aqueous_density - case.density) * GRAVITY
                          / case.tension, case.radius, 3) for fill in case.fills]
     sphere, sphere_error = _sphere(case, exact, outcome)
@@ -78,9 +77,9 @@ def run(case: Parameters) -> Outcome:
     pictures = []
     for posture in case.postures:
         down = down_of(posture)
-        courses = [course_of((cavity, front), case.liquids(angle), down, case.fills)
+        courses = [course_of(resting, case.liquids(angle), down, case.fills)
                    for angle in (case.contact_angle, *case.other_angles)]
-        changes = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0],
+        changes = change_with_directions(resting, case.liquids(case.contact_angle), down, courses[0],
                                          nearest(case.fills, CHECKED))
         error = np.maximum(changes, sphere_error)
         low, high = range_of(courses, error)
@@ -91,12 +90,12 @@ def run(case: Parameters) -> Outcome:
                                    f"{', '.join(unknown)}, since one point must see all of its surface.")
         lines += [[*at, posture, f"{100 * fill:g}", part, *percents(*shares)] for n, fill in enumerate(case.fills)
                   for part, *shares in zip(PARTS, courses[0].least[n], low[n], high[n], strict=True)]
-        lines += [[*at, posture, f"{100 * fill:g}", AQUEOUS, *percents(*3 * [in_front(rest)])]
-                  for fill, rest in zip(case.fills, courses[0].best, strict=True)]
+        lines += [[*at, posture, f"{100 * fill:g}", AQUEOUS, *percents(*3 * [in_front(courses[0].best(n))])]
+                  for n, fill in enumerate(case.fills)]
         outcome.rows.append(Row("largest change of a covered share with 10,242 directions", 100.0 * error.max(), "%",
                                 at=posture))
         if case.maps:
-            pictures.append(fundus_maps(cavity, courses, range(len(case.fills))))
+            pictures.append(fundus_maps(resting, courses, range(len(case.fills))))
     outcome.remarks.append(
         f"{TAMPONADES[case.tamponade]}: density {case.density:g} kg/m3 (aqueous {case.aqueous_density:g}), tension "
         f"{1e3 * case.tension:g} mN/m, contact angle {case.contact_angle:g} degrees through the aqueous, and "

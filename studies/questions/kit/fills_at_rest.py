@@ -1,6 +1,6 @@
 """Shapes at rest for many fills in one eye, as the studies of fills and of eyes need them.
 
-Every shape is found going up and going down in fill. Of two shapes the one with less energy counts.
+Of the shapes that are found the one with least energy counts.
 """
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -9,8 +9,9 @@ import numpy as np
 from PIL import Image
 
 from pipeline.equilibrium.contact import Contact, retina_masks
-from pipeline.equilibrium.rest import Liquids, Rest, at_rest, refined_start
-from pipeline.equilibrium.star_cavity import DRAFT, StarCavity
+from pipeline.equilibrium.least import Found, Resting
+from pipeline.equilibrium.rest import Liquids, Rest
+from pipeline.equilibrium.star_cavity import FINE, StarCavity
 from pipeline.pictures.fundus_map import FundusMap
 from pipeline.pictures.marks import OVERSAMPLING, reduce
 from pipeline.planning.settings import postures
@@ -24,18 +25,23 @@ MAP_SIZE = 168                              # pixels
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """Shapes of least energy at one contact angle in one posture, fill by fill, and shares with any shape at rest.
+    """Shapes at one contact angle in one posture, fill by fill.
 
     Attributes
     ----------
-    best : shapes with the least energy.
-    shares : (2, fills, parts), shares that were found going up and down; nan where a shape has not settled.
-    least : (fills, parts), those of ``best``.
+    found : (fills,) all shapes that were found, the one of least energy first; none where none was.
+    least : (fills, parts), what the first of them touches; nan where there is none.
+    low, high : (fills, parts), the least and the most that any of them touches.
     """
 
-    best: list[Rest]
-    shares: np.ndarray
+    found: list[list[Found]]
     least: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def best(self, n: int) -> Rest | None:
+        """Return the shape of least energy at a fill."""
+        return self.found[n][0].rest if self.found[n] else None
 
 
 def down_of(posture: str) -> np.ndarray:
@@ -61,58 +67,36 @@ def shares_of(contact: Contact, masks: dict[str, np.ndarray]) -> np.ndarray:
     return np.array([contact.share(mask) for mask in masks.values()])
 
 
-def course_of(cavities: Sequence[StarCavity], liquids: Liquids, down: np.ndarray, fills: Sequence[float], *,
+def course_of(resting: Resting, liquids: Liquids, down: np.ndarray, fills: Sequence[float], *,
               right_eye: bool = True) -> Course:
-    """Return the shapes going up, as when the eye is filled, and down.
+    """Return the shapes at rest at some fills.
 
     Parameters
     ----------
-    down : (3,) direction of gravity. fills : rising.
-    cavities : of the eye; another one is tried where the oil is not seen from the point within the one before.
+    down : (3,) direction of gravity.
     """
-    course = _course_in(cavities[0], liquids, down, fills, right_eye)
-    missing = [n for n, rest in enumerate(course.best) if not rest.settled]
-    if missing and cavities[1:]:
-        other = course_of(cavities[1:], liquids, down, [fills[n] for n in missing], right_eye=right_eye)
-        course.shares[:, missing], course.least[missing] = other.shares, other.least
-        for n, rest in zip(missing, other.best, strict=True):
-            course.best[n] = rest
-    return course
+    masks, nothing = parts_of(resting.cavity(), right_eye=right_eye), np.full((1, len(PARTS)), np.nan)
+    found = [resting.shapes(liquids, down, fill) for fill in fills]
+    touched = [np.array([shares_of(resting.contact(one), masks) for one in shapes]) if shapes else nothing
+               for shapes in found]
+    return Course(found, *(np.array([pick(one) for one in touched]) for pick in (
+        lambda one: one[0], lambda one: one.min(axis=0), lambda one: one.max(axis=0))))
 
 
-def _course_in(cavity: StarCavity, liquids: Liquids, down: np.ndarray, fills: Sequence[float],
-               right_eye: bool) -> Course:
-    masks = parts_of(cavity, right_eye=right_eye)
-    rests: list[list[Rest]] = []
-    for order in (fills, fills[::-1]):
-        one: list[Rest] = []
-        for fill in order:
-            one.append(at_rest(cavity, liquids, down, fill, one[-1].distance if one and one[-1].settled else None))
-        rests.append(one if order is fills else one[::-1])
-    shares = np.array([[shares_of(Contact.of(rest), masks) for rest in one] for one in rests])
-    settled = np.array([[rest.settled for rest in one] for one in rests])
-    energy = np.where(settled, [[rest.energy for rest in one] for one in rests], np.inf)
-    chosen = energy.argmin(axis=0)
-    shares[~settled] = np.nan
-    return Course([rests[which][n] for n, which in enumerate(chosen)], shares, shares[chosen, np.arange(len(fills))])
-
-
-def change_with_directions(finer: StarCavity, liquids: Liquids, down: np.ndarray, course: Course,
+def change_with_directions(resting: Resting, liquids: Liquids, down: np.ndarray, course: Course,
                            chosen: Iterable[int], *, right_eye: bool = True) -> np.ndarray:
     """Return the largest change of the shares with four times as many directions, (parts,).
 
     Parameters
     ----------
-    finer : the same eye with ``DRAFT + 1`` cuts.
     chosen : fills of the course that are tried.
     """
-    masks, changes = parts_of(finer, right_eye=right_eye), [np.zeros(len(PARTS))]
+    masks, changes = parts_of(resting.cavity(FINE), right_eye=right_eye), [np.zeros(len(PARTS))]
     for n in chosen:
-        if (course.best[n].cavity.viewpoint != finer.viewpoint).any():
-            continue
-        fine = at_rest(finer, liquids, down, course.best[n].fill, refined_start(course.best[n], finer, DRAFT + 1))
-        if fine.settled:
-            changes.append(np.abs(shares_of(Contact.of(fine), masks) - course.least[n]))
+        for one in course.found[n][:1]:
+            fine = resting.finer(one, liquids, down, FINE)
+            if fine.rest.settled:
+                changes.append(np.abs(shares_of(resting.contact(fine), masks) - course.least[n]))
     return np.nanmax(changes, axis=0)
 
 
@@ -124,8 +108,8 @@ def nearest(fills: Iterable[float], wanted: Iterable[float]) -> list[int]:
 
 def range_of(courses: Sequence[Course], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest of the shares of courses, (fills, parts), an error (parts,) beyond."""
-    found = np.concatenate([course.shares for course in courses])
-    return np.maximum(np.fmin.reduce(found) - error, 0.0), np.minimum(np.fmax.reduce(found) + error, 1.0)
+    low, high = (np.array([getattr(course, name) for course in courses]) for name in ("low", "high"))
+    return np.maximum(np.fmin.reduce(low) - error, 0.0), np.minimum(np.fmax.reduce(high) + error, 1.0)
 
 
 def percents(*shares: float) -> list[str]:
@@ -133,20 +117,24 @@ def percents(*shares: float) -> list[str]:
     return [f"{100 * share:.1f}" if np.isfinite(share) else "" for share in shares]
 
 
-def in_front(rest: Rest) -> float:
-    """Return the share of the aqueous that is before the equator."""
-    return rest.other.share(rest.other.position[:, 2] > 0.0) if rest.settled else np.nan
+def in_front(rest: Rest | None) -> float:
+    """Return the share of the aqueous that is before the equator; what is not seen of the cavity is beside the lens."""
+    if rest is None:
+        return np.nan
+    seen, whole = rest.cavity.volume, rest.cavity.whole or rest.cavity.volume
+    hidden = max(whole - seen, 0.0) / (whole * (1.0 - rest.fill))
+    return hidden + (1.0 - hidden) * rest.other.share(rest.other.position[:, 2] > 0.0)
 
 
-def fundus_maps(cavity: StarCavity, courses: Sequence[Course], chosen: Iterable[int], *,
+def fundus_maps(resting: Resting, courses: Sequence[Course], chosen: Iterable[int], *,
                 right_eye: bool = True) -> list[Image.Image]:
     """Return maps of the fundus at some fills: hatched is where the courses do not agree."""
     import pyvista
 
-    side = OVERSAMPLING * MAP_SIZE
+    side, cavity = OVERSAMPLING * MAP_SIZE, resting.cavity()
     chart, images = FundusMap(cavity.wall, (side, side), captions=False, right_eye=right_eye), []
     for n in chosen:
-        margins = np.array([Contact.of(course.best[n]).margin for course in courses if course.best[n].cavity is cavity])
+        margins = np.array([resting.contact(course.found[n][0]).margin for course in courses if course.found[n]])
         wall = pyvista.PolyData(cavity.wall)
         wall.point_data["contact_distance"] = margins[0]
         wall.point_data["oil_fraction_covered"] = np.ones(len(cavity.wall))

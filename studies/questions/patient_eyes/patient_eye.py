@@ -11,8 +11,8 @@ from PIL import Image
 
 from pipeline.cavity.eye_files import eye_files
 from pipeline.cavity.surface import cavity_mesh
+from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids
-from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.scenes.model import Eye
 from pipeline.studies.family import Family
 from pipeline.studies.model import Outcome, Row
@@ -71,26 +71,26 @@ def run(case: Parameters) -> Outcome:
     outcome.rows.append(Row(VOLUME, 1e6 * mesh.volume, "mL", case.words,
                             1e6 * source["published_volume"] if "published_volume" in source else None))
     outcome.remarks += [f"{case.words}: {sentence}." for sentence in source.get("orientation", ())]
-    cavity, finer = cavity_of(case.eye), cavity_of(case.eye, DRAFT + 1)
+    resting = Resting.of(case.eye)
     shown = nearest(case.fills, [0.01 * SHOWN])
     lines, maps, section = [], [], Image.new("RGB", (1, 1))
     for posture in case.postures:
         down = down_of(posture)
-        courses = [course_of([cavity], case.liquids(angle), down, case.fills, right_eye=right_eye)
+        courses = [course_of(resting, case.liquids(angle), down, case.fills, right_eye=right_eye)
                    for angle in (case.contact_angle, *case.other_angles)]
-        error = change_with_directions(finer, case.liquids(case.contact_angle), down, courses[0], shown,
+        error = change_with_directions(resting, case.liquids(case.contact_angle), down, courses[0], shown,
                                        right_eye=right_eye)
         low, high = range_of(courses, error)
         for n, fill in enumerate(case.fills):
             at = [case.words, posture, f"{100 * fill:g}"]
             lines += [[*at, part, *percents(*shares)]
                       for part, *shares in zip(PARTS, courses[0].least[n], low[n], high[n], strict=True)]
-            lines.append([*at, AQUEOUS, *percents(*3 * [in_front(courses[0].best[n])])])
+            lines.append([*at, AQUEOUS, *percents(*3 * [in_front(courses[0].best(n))])])
         outcome.rows.append(Row("largest change of a covered share with 10,242 directions", 100.0 * error.max(), "%",
                                 f"{case.words}, {posture}"))
-        maps += fundus_maps(cavity, courses, shown, right_eye=right_eye)
-        if posture == case.postures[0]:
-            section = section_of_eye(courses[0].best[shown[0]])
+        maps += fundus_maps(resting, courses, shown, right_eye=right_eye)
+        if posture == case.postures[0] and (best := courses[0].best(shown[0])) is not None:
+            section = section_of_eye(best)
     outcome.tables["shares"] = [list(TOUCHED_BY_EYE), *lines]
     outcome.tables["eye"] = [[case.words, case.group]]
     outcome.pictures[ROW] = as_png_file(row_of_pictures([section, *maps]))
