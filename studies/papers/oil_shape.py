@@ -108,10 +108,12 @@ def measured(surface, spacing: float) -> tuple[float, float, int]:
 
 def _side_by_side(oils: list[Oil], count: int) -> bytes:
     """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG."""
+    shortest = min(oils, key=lambda oil: oil.time[-1]).time
+    times = shortest[evenly(count, len(shortest))]
     rows = []
     for oil in oils:
         row = []
-        for index in evenly(count, min(len(one.pictures) for one in oils)):
+        for index in np.abs(oil.time[:, None] - times).argmin(axis=0):  # scenes keep frames at intervals of their own
             with Image.open(oil.pictures[index]) as picture:
                 section, fundus = section_and_map(picture.convert("RGB"), OVERSAMPLING * WIDTH)
             row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]

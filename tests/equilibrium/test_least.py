@@ -7,6 +7,7 @@ from conftest import ROOT
 from helpers.cases import thorough
 
 from pipeline.equilibrium.contact import Contact, shares
+from pipeline.equilibrium.energy import length_of
 from pipeline.equilibrium.least import Resting, energy
 from pipeline.equilibrium.of_scene import liquids_at_rest, rest_of
 from pipeline.equilibrium.rest import Liquids, at_rest
@@ -58,7 +59,8 @@ def test_the_explorer_has_the_energy_of_a_scene(resting, views, name, posture):
     tamponade = dataclasses.replace(tamponades()[name], liquids=liquids)
     for fill in (0.5, 0.6):
         here, there = resting.shapes(liquids, down, fill)[0], views.shapes(tamponade, tamponade.toward(down), fill)[0]
-        assert there.energy == pytest.approx(here.energy, rel=VIEWS_DIFFER), fill
+        ball = 4.0 * np.pi * liquids.tension * length_of(resting.cavity()) ** 2  # those of gas nearly cancel
+        assert there.energy == pytest.approx(here.energy, rel=VIEWS_DIFFER, abs=1e-3 * ball), fill
 
 
 @pytest.mark.parametrize("fill", [thorough(0.5), 0.6])
@@ -76,12 +78,12 @@ def test_a_plan_has_the_shapes_of_a_scene(resting, monkeypatch, posture):
     """What `config/oil_at_rest` holds, too: its shares are within a point of those of the scene's shape."""
     scene = load_scene(ROOT / "config/scenes/eye_at_rest.yaml", "draft")
     liquids, down, fills = liquids_at_rest(scene), postures()[posture], (0.5, 0.85)
+    kept = read_tables(MAP)[key_of(liquids, posture)]
     monkeypatch.setattr("pipeline.planning.touch.FILLS", fills)
     made = touch_of(resting, liquids, down, cuts=FINE)
-    kept = read_tables(MAP)[key_of(liquids, posture)]
     monkeypatch.undo()
     for fill, row in zip(fills, made.shares, strict=True):
         expected = shares(Contact.of(rest_of(scene, down, fill)).on(resting.cavity(FINE)))
         for place, part in enumerate(("wall", "retina")):
             assert row[place] == pytest.approx(expected[part], abs=0.006), (fill, part)
-        assert kept.shares_at(fill)["retina"] == pytest.approx(row[1], abs=0.01)
+        assert kept.shares_at(fill)["retina"] == pytest.approx(row[1], abs=1e-3)
