@@ -222,7 +222,7 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     assert (costs["wall time of the simulation"], costs["time of all cores, simulation"]) == ("1.5", "3")
     assert costs["memory"] == "1.00"
     readme = (project / "README.md").read_text()
-    assert "**36 %**" in readme and "**1.5 min**" in readme
+    assert "**36 ± 5 %**" in readme and "**1.5 min**" in readme
     asked = [row for path in (project / "docs" / "results").glob("*.csv") for row in rows_of(project, path.stem)
              if row.holds]
     assert f"Of all {len(asked)} numbers that have one, {sum(row.holds == 'yes' for row in asked)} are" in readme
