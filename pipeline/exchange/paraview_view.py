@@ -197,7 +197,7 @@ def view_script(scene: Scene, folder: Path, *, painted: bool) -> str:
         "title": f"{scene.title or scene.name} ({scene.accuracy})",
         "dimension": scene.dimension, "painted": int(painted), "breaks": len(scene.breaks),
         # The half that is shown, and the side along x that the camera is on.
-        "halves": {side_word(side < 0.0, scene.eye.side == "right"): side for side in (1.0, -1.0)} if painted else {},
+        "halves": {side_word(side < 0.0, scene.eye.side == "right"): side for side in (1.0, -1.0)} if scene.eye else {},
         "share": f"{'1 - ' if len(scene.liquids) > 1 else ''}fraction_{first.name}",
         "words": "oil volume fraction" if any("oil" in one.name for one in shown_liquids(scene)) else "volume fraction",
         "colors": {liquid.name: _shares(rgb(liquid.color)) for liquid in scene.liquids},

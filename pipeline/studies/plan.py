@@ -196,6 +196,8 @@ def load_study(name: str, accuracy: str = DEFAULT, folder: Path = STUDIES) -> St
         errors.add(("cases",), f"is empty, but must name at least one of {', '.join(family_names())}")
     words = reader.record(_Words, {key: data[key] for key in ("title", "description") if key in data})
     report = data.get("report", CURVES)
+    if not isinstance(words, _Words):
+        errors.raise_any()
     study = Study(name, words.title or name, words.description, accuracy, cases, report)
     if report not in (known := (CURVES, *page_modules())):
         errors.add(("report",), f"is {describe(report)}, but must be one of {', '.join(known)}")

@@ -197,8 +197,8 @@ def test_an_eye_with_one_liquid_names_that_alone(made, drawn):
         image.point_data["fraction"] = np.asarray(image.point_data["fraction"]).reshape(-1, 2)[:, 1:]
     retina = dict.fromkeys(retina, Coverage(1.0, 0.0))
     Renderer(scene, float(ball()["cavity_volume"])).picture(full, sections, wall, {}, retina)
-    assert drawn.one("of the retina") == ("oil touches 100 % of the retina, 100 % of its inferior half, 100 % of the "
-                                          "macula")
+    assert drawn.one("of the retina") == ("oil touches 100.0 % of the retina, 100.0 % of its inferior half, 100.0 % of "
+                                          "the macula")
     assert drawn.one("of the cavity").startswith("silicone oil 1000: 100.0 % of the cavity")
     assert "silicone oil" in drawn and not any("aqueous" in text for text, *_ in drawn.texts)
 
