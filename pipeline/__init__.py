@@ -17,9 +17,11 @@ if sys.argv[:1] == ["-m"]:
     import atexit
     import signal
 
-    from pipeline.base.memory import refuse_too_little, tell_of_imports
+    from pipeline.base.memory import end_at_once, refuse_too_little, tell_of_imports
 
     sys.excepthook = tell_of_imports
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, end_at_once)
     # All has been written then: what Python still has to free is nothing to be interrupted, and would end in silence.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     refuse_too_little()

@@ -1,5 +1,6 @@
 """How every stage ends: with its result, or with one sentence per error and an exit code."""
 import errno
+import signal
 import sys
 import tempfile
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from typing import NoReturn
 
 from pipeline.base.errors import UserError
 from pipeline.base.home import stand_in_for_home
-from pipeline.base.memory import FAILED, end_in_sentence, sentence_of
+from pipeline.base.memory import FAILED, end_at_once, end_in_sentence, sentence_of
 from pipeline.base.usage import write_if_asked
 
 FOR_DIGESTS = "no influence"
@@ -36,6 +37,8 @@ def run(main: Callable[[], int | None]) -> NoReturn:
     is raised is a defect of the program and keeps its traceback.
     """
     try:
+        if signal.getsignal(signal.SIGINT) is end_at_once:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         stand_in_for_home()
         code = main() or 0
         sys.stdout.flush()

@@ -11,10 +11,11 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import NoReturn
 
 CGROUPS = Path("/sys/fs/cgroup")
+INTERRUPTED = "error: interrupted; the same command goes on from here"
 FAILED = 1  # exit code: the computer failed
 LIBRARIES = 4.0 * 2**30  # address space, bytes, with which every stage starts: Taichi reserves 1 GiB at once, VTK 0.6
 IMPORTS = 700.0 * 2**20  # that without which the libraries of some stage cannot even be loaded: measured 661 MiB
@@ -112,11 +113,21 @@ def tell_of_imports(kind: type[BaseException], error: BaseException, trace: Trac
     Ctrl-C is one of them; the process then ends by that signal.
     """
     if issubclass(kind, KeyboardInterrupt):
-        print("error: interrupted; the same command goes on from here", file=sys.stderr, flush=True)
+        print(INTERRUPTED, file=sys.stderr, flush=True)
         return
     if sentence := sentence_of(error, Path(sys.argv[0]).stem):
         end_in_sentence(sentence)
     sys.__excepthook__(kind, error, trace)
+
+
+def end_at_once(number: int, frame: FrameType | None) -> None:
+    """Handler of Ctrl-C while libraries are imported: say so, and end by the signal.
+
+    As an exception it would come up within the C code by which a library starts, which may lose it or crash.
+    """
+    os.write(2, f"{INTERRUPTED}\n".encode())
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
 
 
 def _way_out() -> str:

@@ -7,7 +7,7 @@ import threading
 import time
 from types import FrameType
 
-from pipeline.base.memory import tell_of_imports
+from pipeline.base.memory import end_at_once, tell_of_imports
 
 PATIENCE = 0.5  # s, that an error waits
 PATIENCE_OF_INTERRUPTED = 30.0  # s, that the error of a job waits that the signal itself has ended
@@ -27,7 +27,7 @@ class Interrupt:
         sys.excepthook = tell_of_imports  # while Snakemake plans, it lets the signal pass
         # Where a signal is ignored, or handled by others already, that stays so.
         if (threading.current_thread() is threading.main_thread()
-                and signal.getsignal(signal.SIGINT) is signal.default_int_handler):
+                and signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once)):
             signal.signal(signal.SIGINT, self._handle)
             logger.addFilter(self._is_wanted)
 
