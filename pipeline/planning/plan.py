@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
-from pipeline.base.words import NO_ADVICE
+from pipeline.base.words import NO_ADVICE, nearest
 from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.star_cavity import levels_of
 from pipeline.planning.breaks import GLOBE, read_break
@@ -28,7 +28,7 @@ from pipeline.planning.report import (
 from pipeline.planning.search import CACHE, Answer, Question, Tables, answers
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye
-from pipeline.scenes.reader import Errors, Reader, nearest
+from pipeline.scenes.reader import Errors, Reader
 from sim.parameters import parameter
 
 Record = TypeVar("Record")

@@ -10,6 +10,7 @@ from pipeline.equilibrium.checked import CHECKED
 from pipeline.planning.search import FILL_ERROR, Answer, Question
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.model import Eye
+from pipeline.scenes.retina import side_word
 from sim.liquid import GAS_DENSITY
 
 NOTHING = "–"
@@ -131,10 +132,9 @@ def eye_words(eye: Eye) -> str:
 def assumptions(question: Question, eye: Eye) -> list[str]:
     """Return what the answer rests on."""
     angles = in_a_row([f"{np.degrees(angle):.3g}" for angle in question.other_angles])
-    nasal = "nasal" if eye.side == "right" else "temporal"
     return [
         f"Clock hours are those of an observer who faces the patient (chart of Amsler and Dubois): 3 is on the "
-        f"patient's left, {nasal} in this {eye.side} eye.",
+        f"patient's left, {side_word(True, eye.side == 'right')} in this {eye.side} eye.",
         f"Eye: {eye_words(eye)}. Other individual features need a mesh.",
         f"The oil must reach {1e3 * question.margin:g} mm beyond the break on all sides.",
         f"Oil at rest: tension {1e3 * question.tension:g} mN/m, contact angle {np.degrees(question.contact_angle):.3g} "

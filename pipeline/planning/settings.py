@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.words import nearest
 from pipeline.scenes.load import PROJECT_CONFIG
 from pipeline.scenes.materials import load_materials
 from pipeline.scenes.model import LARGEST_ANGLE, SMALLEST_ANGLE, Material
-from pipeline.scenes.reader import Errors, Reader, nearest
+from pipeline.scenes.reader import Errors, Reader
 from pipeline.scenes.yaml_files import read_yaml
 from sim.effects import REGISTRY
 from sim.effects.effect import WEIGHS

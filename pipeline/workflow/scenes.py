@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from pipeline.base.cli import describe, reason
 from pipeline.base.errors import UserError
 from pipeline.base.files import remove_left_over, write_text
+from pipeline.base.words import nearest
 from pipeline.cavity.eye_files import eye_files
 from pipeline.runs.contents import CRATE
 from pipeline.runs.segments import segments_made, segments_until_rest
@@ -21,7 +22,6 @@ from pipeline.scenes.folders import LISTED, scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Scene
 from pipeline.scenes.reader import describe as shown
-from pipeline.scenes.reader import nearest
 from pipeline.scenes.threads import chosen_threads, paying_threads, solver_threads
 from pipeline.scenes.yaml_files import scene_files
 from pipeline.studies.plan import study_names
