@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     style = style_of(options, SAMPLES)
     scene = load_resolved(options.scene)
-    if scene.container is not None or scene.dimension != 3:
+    if scene.container is not None:
         raise UserError(f"{scene.name}: has no eye to illustrate; its movie is movie.mp4")
     if options.output.exists():
         raise UserError(f"{options.output}: is there already; remove it or name another folder with --output")

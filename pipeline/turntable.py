@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> None:
     if not 8 <= options.pictures <= 2000:
         raise UserError(f"--pictures is {options.pictures}, but must be from 8 to 2000")
     style, scene = style_of(options, SAMPLES), load_resolved(options.scene)
-    if scene.container is not None or scene.dimension != 3:
+    if scene.container is not None:
         raise UserError(f"{scene.name}: has no eye to turn; its movie is movie.mp4")
     name, frame = frame_at(options.frames, options.time)
     surfaces = read_surfaces(options.surfaces, name, oils_of(scene))

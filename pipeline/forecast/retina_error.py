@@ -24,8 +24,7 @@ FARTHEST = 1.5  # a spacing that differs by more is another one
 def has_oil_in_an_eye(scene: Scene) -> bool:
     """Tell whether a scene is one of an eye in which a liquid with a contact angle touches the retina; gas is none."""
     touches = known_by_an_effect(scene, "contact_angle_of") is not None
-    return (scene.container is None and scene.dimension == 3 and touches
-            and all(liquid.density > GAS_DENSITY for liquid in scene.liquids))
+    return scene.container is None and touches and all(liquid.density > GAS_DENSITY for liquid in scene.liquids)
 
 
 def retina_errors(scene: Scene, path: Path | None = None) -> list[ExpectedError]:

@@ -33,11 +33,9 @@ class PlaneWall:
 
     @classmethod
     def of(cls, distance: SignedDistance) -> "PlaneWall":
-        """Find the wall in the sagittal plane; in 2D in the plane."""
+        """Find the wall in the sagittal plane."""
         angle = np.linspace(-np.pi, np.pi, RAYS + 1)
-        ray = np.stack([np.sin(angle), np.cos(angle)], axis=1)
-        if distance.values.ndim == 3:
-            ray = np.column_stack([np.zeros(len(ray)), ray])
+        ray = np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=1)
         low = np.zeros(len(ray))
         high = np.full(len(ray), distance.cell * np.linalg.norm(distance.values.shape))
         for _ in range(HALVINGS):
@@ -64,24 +62,23 @@ class PlaneWall:
 
 def contact_arc(distance: SignedDistance, position: np.ndarray, oil: np.ndarray, spacing: float,
                 contact_angle: float | None) -> float:
-    """Return the covered arc in the sagittal plane (in 2D: in the plane), in degrees around the origin.
+    """Return the covered arc in the sagittal plane, in degrees around the origin.
 
     Parameters
     ----------
     distance : to the wall.
-    position, oil : (n, D) in m and (n,) bool, the fluid, and which of it is mostly oil.
+    position, oil : (n, 3) in m and (n,) bool, the fluid, and which of it is mostly oil.
     spacing : of the particles, m.
     contact_angle : rad, through the other liquid; None where the scene has none: the labels along the wall count then.
     """
-    if position.shape[1] == 3:
-        near = np.abs(position[:, 0]) < SLAB * spacing
-        position, oil = position[near], oil[near]
+    near = np.abs(position[:, 0]) < SLAB * spacing
+    position, oil = position[near], oil[near]
     depth = -distance.sample(position) if len(position) else np.zeros(0)
     near = depth < DEEP * spacing
     if not near.any():
         return 0.0
     position, oil, depth = position[near], oil[near], depth[near]
-    foot = (position + depth[:, None] * distance.normal(position))[:, -2:]
+    foot = (position + depth[:, None] * distance.normal(position))[:, 1:]
     wall, angle = PlaneWall.of(distance), np.arctan2(foot[:, 0], foot[:, 1])
     order = np.argsort(angle)
     way, oil, depth = np.interp(angle[order], wall.angle, wall.way), oil[order], depth[order]

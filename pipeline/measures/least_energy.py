@@ -52,7 +52,7 @@ class LeastEnergy:
 
 def has_least_energy(scene: Scene) -> bool:
     """Whether the shape of the oil at rest follows from the scene: an eye, aqueous and one oil or gas, not mixed."""
-    return (scene.eye is not None and scene.dimension == 3 and len(scene.liquids) == 2 and not does(scene, MIXES)
+    return (scene.eye is not None and len(scene.liquids) == 2 and not does(scene, MIXES)
             and oil_of(scene) == 1 and contact_angle_of(scene) is not None
             and known_by_an_effect(scene, "down_at_start") is not None
             and sum_of_effects(scene, "tension_of") > 0.0 and sum_of_effects(scene, "weight_of") > 0.0)

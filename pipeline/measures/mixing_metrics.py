@@ -157,19 +157,15 @@ def emulsion_volume(state: Measured) -> np.ndarray:
 
 
 def places(state: Measured) -> dict[str, np.ndarray]:
-    """Particles (n,) of the whole cavity, of its quadrants and of the superior angle; in 2D of the whole alone.
+    """Particles (n,) of the whole cavity, of its quadrants and of the superior angle.
 
     On a plane between two quadrants a particle belongs to the superior and to the nasal one.
     """
-    position = state.frame.position
-    whole = np.ones(len(position), bool)
-    if position.shape[1] == 2:
-        return {"whole": whole}
-    x, y, z = position.T
+    x, y, z = state.frame.position.T
     superior = y >= 0.0
     temporal = x < 0.0 if state.right_eye else x > 0.0
     back, front = state.optic_axis_extent
     angle = (z > front - ANGLE_DEPTH * (front - back)) & (y > np.abs(x))
-    return {"whole": whole, "superior_temporal": superior & temporal, "superior_nasal": superior & ~temporal,
-            "inferior_temporal": ~superior & temporal, "inferior_nasal": ~superior & ~temporal,
-            "superior_angle": angle}
+    return {"whole": np.ones(len(x), bool),
+            "superior_temporal": superior & temporal, "superior_nasal": superior & ~temporal,
+            "inferior_temporal": ~superior & temporal, "inferior_nasal": ~superior & ~temporal, "superior_angle": angle}

@@ -15,7 +15,6 @@ from sim.liquid import GAS_DENSITY
 OF_EYE = ((COVERED, "whole", "of the retina is under oil"),
           (COVERED, "inferior", "of its inferior half"), (COVERED, "macula", "of the macula"),
           ("emulsion", "whole", "of emulsion"))
-IN_PLANE = (("wall_coverage", "", "of the wall is under oil"), ("contact_arc", "", "of the wall under oil, as an arc"))
 MOST = 4
 
 
@@ -77,19 +76,14 @@ def headlines(shown: Sequence[Shown], of_eye: bool, resting: LeastEnergy | None 
     resting : what the oil would touch at rest.
     """
     if of_eye:
-        return _named(shown, OF_EYE, resting) or _named(shown, IN_PLANE)
+        known = {(one.metric.name, curve.part): (one, curve) for one in shown for curve in one.curves}
+        named = [(*known[name, part], meaning, resting.shares.get(part) if resting and name == COVERED else None)
+                 for name, part, meaning in OF_EYE if (name, part) in known]
+        return [_headline(*one) for one in named if np.isfinite(one[1].values[-1])]
     effects_first = sorted(shown, key=lambda one: one.metric.effect is None)
     chosen = [(one, curve) for one in effects_first if one.metric.place < LAST for curve in one.curves
               if not curve.constant and np.isfinite(curve.values[-1])]
     return [_headline(one, curve, f"{one.name} {curve.part}".strip()) for one, curve in chosen[:MOST]]
-
-
-def _named(shown: Sequence[Shown], wanted: Sequence[tuple[str, str, str]], resting: LeastEnergy | None = None
-           ) -> list[Headline]:
-    known = {(one.metric.name, curve.part): (one, curve) for one in shown for curve in one.curves}
-    found = [(*known[name, part], meaning, resting.shares.get(part) if resting and name == COVERED else None)
-             for name, part, meaning in wanted if (name, part) in known]
-    return [_headline(*one) for one in found if np.isfinite(one[1].values[-1])]
 
 
 def _headline(one: Shown, curve: Curve, meaning: str, at_rest: float | None = None) -> Headline:

@@ -172,7 +172,7 @@ def _view(run: RunFolder) -> dict[str, object] | None:
 def _fundus(run: RunFolder) -> dict[str, object] | None:
     """Maps of the retina over time."""
     scene = run.scene
-    if scene.container is not None or scene.dimension == 2:
+    if scene.container is not None:
         return None
     kind = "gas" if any(liquid.density < GAS_DENSITY for liquid in scene.liquids) else "oil"
     films = f" Level stripes of pale blue: {kind} on a thin film of aqueous." if knows_films(scene) else ""

@@ -160,8 +160,8 @@ def _held(scene: Scene, path: Path) -> list[tuple[float, float, np.ndarray, str]
 
 def _oil_of(scene: Scene, path: Path) -> tuple[str, float, Liquids]:
     """Name of the oil, its share of the cavity at the end of the scene, and what decides where it rests."""
-    if scene.eye is None or scene.dimension != 3:
-        raise UserError(f"{path}: is no scene of an eye in three dimensions, of which alone shapes at rest are known")
+    if scene.eye is None:
+        raise UserError(f"{path}: is no scene of an eye, of which alone shapes at rest are known")
     fill = fill_at_end(scene, lambda name: load_scene(scene_path(name, scenes_folder(path)), scene.accuracy)) or {}
     held = [liquid for liquid in scene.liquids if fill.get(liquid.name, 0.0) > 0.0]
     angle, tension = known_by_an_effect(scene, "contact_angle_of"), max(

@@ -259,15 +259,14 @@ def _level_needs_weight(initial: Initial, effects: dict) -> Found:
 
 
 @_check
-def _rest_can_be_found(initial: Initial, effects: dict, liquids: tuple[Material, ...], eye: Eye | None, dimension: int
-                       ) -> Found:
+def _rest_can_be_found(initial: Initial, effects: dict, liquids: tuple[Material, ...], eye: Eye | None) -> Found:
     if initial.shape != AT_REST:
         return
     key, names = ("initial", "shape"), [liquid.name for liquid in liquids[:2]]
     angles = [angle for name, parameters in effects.items()
               if (angle := REGISTRY[name].contact_angle_of(parameters)) is not None]
-    if eye is None or dimension != 3:
-        yield key, f"is {AT_REST}, which is known in an eye in 3 dimensions only; write level"
+    if eye is None:
+        yield key, f"is {AT_REST}, which is known in an eye only; write level"
     elif not angles:
         yield key, f"is {AT_REST}, which takes a tension and a contact angle; add interface_tension, or write level"
     elif not SMALLEST_ANGLE <= angles[0] <= LARGEST_ANGLE:
@@ -293,11 +292,10 @@ def _points_are_in_the_eye(effects: dict, eye: Eye | None, dimension: int) -> Fo
 
 
 @_check
-def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...], eye: Eye | None, dimension: int
-                          ) -> Found:
+def _places_are_in_an_eye(breaks: tuple[Break, ...], regions: tuple[Region, ...], eye: Eye | None) -> Found:
     for key, places in (("breaks", breaks), ("regions", regions)):
-        if places and (eye is None or dimension != 3):
-            yield (key,), "are parts of the wall of an eye in three dimensions, but the scene has none; remove them"
+        if places and eye is None:
+            yield (key,), "are parts of the wall of an eye, but the scene has none; remove them"
         if len(places) > MOST_PLACES:
             yield (key,), f"has {len(places)} entries, but must have at most {MOST_PLACES}"
         names = [one.name for one in places]
@@ -420,13 +418,12 @@ def _frames_end_with_the_scene(output: Output) -> Found:
 
 
 @_check
-def _rest_can_be_seen(eye: Eye | None, dimension: int, liquids: tuple[Material, ...], output: Output) -> Found:
+def _rest_can_be_seen(eye: Eye | None, liquids: tuple[Material, ...], output: Output) -> Found:
     if not output.until_rest:
         return
-    if eye is None or dimension == 2 or len(liquids) < 2:
+    if eye is None or len(liquids) < 2:
         yield (("output", "until_rest"),
-               "needs an eye with two liquids or more, in three dimensions: the covered share of the retina tells "
-               "whether they rest")
+               "needs an eye with two liquids or more: the covered share of the retina tells whether they rest")
     elif output.frame_interval > REST_WINDOW / 3.0 + 1e-9:
         yield (("output", "frame_interval"),
                f"is {output.frame_interval:g} s, but must be at most {REST_WINDOW / 3.0:g} s with until_rest, which "

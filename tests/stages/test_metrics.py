@@ -42,15 +42,15 @@ def sphere():
     return shape_arrays("sphere", RADIUS, SPACING, dimension=3)
 
 
-def make_scene(dimension=3):
+def make_scene():
     return Scene(name="demo", accuracy="draft", liquids=(AQUEOUS, OIL), numerics=Numerics(SPACING),
-                 output=Output(duration=1.0), dimension=dimension, title="Demonstration", description="Oil & water.")
+                 output=Output(duration=1.0), dimension=3, title="Demonstration", description="Oil & water.")
 
 
 def make_state(initial, oil, *, velocity=0.0, position=None, statistics=None, time=0.0):
     """Return the state of a cavity in which ``oil`` (n,) is the volume fraction of the oil."""
     position = initial["fluid_position"] if position is None else position
-    count, dimension = position.shape
+    count = len(position)
     fraction = np.stack([1.0 - oil, oil], axis=-1).astype(float)
     frame = FrameData(
         position=position, id=np.arange(count), phase=fraction.argmax(axis=1),
@@ -58,7 +58,7 @@ def make_state(initial, oil, *, velocity=0.0, position=None, statistics=None, ti
         volume=initial["fluid_volume"][:count], volume_fraction=fraction, compression_rate=np.zeros(count), time=time,
         step=3, gravity=GRAVITY, particle_spacing=SPACING, scene="demo", liquids=("aqueous", "oil"),
         statistics={"time_step": 1e-3} if statistics is None else statistics)
-    return Measured(make_scene(dimension), initial, frame)
+    return Measured(make_scene(), initial, frame)
 
 
 def values(state):
@@ -377,14 +377,6 @@ def test_growing_particles_are_no_crowd(sphere):
     state.frame.volume = state.frame.volume.copy()
     state.frame.volume[2] *= 0.1
     assert values(state)["smallest_spacing [1]"] > 0.5
-
-
-def test_two_dimensions_have_an_arc_but_no_retina():
-    circle = shape_arrays("circle", RADIUS, SPACING, dimension=2)
-    found = values(make_state(circle, circle["fluid_position"][:, 1] > 0))
-    assert found["contact_arc [deg]"] == pytest.approx(180, abs=9)
-    assert np.isnan(found["retina_coverage_macula [%]"])
-    assert "center_of_mass_oil_z [mm]" not in found
 
 
 def test_empty_cavity_gives_no_error(sphere):
