@@ -20,8 +20,12 @@ HERE = Path(__file__).parent
 
 
 def percent(share: float | None, digits: int = 0) -> str:
-    """Return a share of one in percent."""
-    return NOTHING if share is None else f"{100 * share:.{digits}f} %"
+    """Return a share of one in percent.
+
+    >>> percent(0.934), percent(float("nan"))
+    ('93 %', '–')
+    """
+    return NOTHING if share is None or np.isnan(share) else f"{100 * share:.{digits}f} %"
 
 
 def fill_words(fill: float, digits: int = 0) -> str:

@@ -30,7 +30,7 @@ MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
 #: Of a fill that is needed; the share of the retina at a fill is at most 0.6 points off (docs/methods/equilibrium.md).
 FILL_ERROR = 0.01
-SHAPE_SECONDS = 0.8      # all that is tried at a fill takes on a core of 3 GHz, in the mean of fills and postures
+SHAPE_SECONDS = 0.8      # of a core of 3 GHz, for all that is tried at a fill: the mean of fills and postures
 
 
 class Tables:
@@ -185,12 +185,12 @@ def answers(question: Question, tables: Tables, radius: float) -> list[Answer]:
 
 
 def _announce(shapes: int) -> None:
-    """Say on standard error, before it begins, how long an eye without tables takes."""
-    print(f"This eye has no tables yet: {shapes} shapes of oil at rest, about {duration(SHAPE_SECONDS * shapes)} of "
-          "one core. Fewer oils and postures take less; what is done is kept.", file=sys.stderr, flush=True)
+    """Say on standard error, before it begins, how long what no table has will take."""
+    print(f"No table has this yet: {shapes} shapes of oil at rest, about {duration(SHAPE_SECONDS * shapes)} of one "
+          "core. Fewer oils and postures take less; what is done is kept.", file=sys.stderr, flush=True)
 
 
-def write_map(question: Question, folder: Path = MAP) -> int:
+def write_map(question: Question) -> int:
     """Write the tables of the default eye for all oils, postures and contact angles of a question; return how many."""
     resting, tables = Resting.of(Eye()), {}
     all_liquids = dict.fromkeys(question.liquids(oil, angle) for oil in question.oils.values()
@@ -206,7 +206,7 @@ def write_map(question: Question, folder: Path = MAP) -> int:
                 bar.update(len(FILLS))
             table = seen.mirrored() if seen is not None else touch_of(resting, liquids, down, bar.update, FINE)
             tables[key_of(liquids, posture)] = done[liquids, tuple(down + 0.0)] = table
-    write_tables(folder, tables)
+    write_tables(MAP, tables)
     return len(tables)
 
 

@@ -128,12 +128,18 @@ def in_front(rest: Rest | None) -> float:
 
 def fundus_maps(resting: Resting, courses: Sequence[Course], chosen: Iterable[int], *,
                 right_eye: bool = True) -> list[Image.Image]:
-    """Return maps of the fundus at some fills: hatched is where the courses do not agree."""
+    """Return maps of the fundus at some fills, white ones where no shape was found.
+
+    Hatched is where the courses do not agree.
+    """
     import pyvista
 
     side, cavity = OVERSAMPLING * MAP_SIZE, resting.cavity()
     chart, images = FundusMap(cavity.wall, (side, side), captions=False, right_eye=right_eye), []
     for n in chosen:
+        if not courses[0].found[n]:
+            images.append(Image.new("RGB", (MAP_SIZE, MAP_SIZE), "white"))
+            continue
         margins = np.array([resting.contact(course.found[n][0]).margin for course in courses if course.found[n]])
         wall = pyvista.PolyData(cavity.wall)
         wall.point_data["contact_distance"] = margins[0]

@@ -20,7 +20,7 @@ from studies.questions.filled_eye import filled_eye
 from studies.questions.filled_eye._words import SPHERE
 from studies.questions.filled_eye.filled_eye_page import Shares
 from studies.questions.kit import eye_pictures
-from studies.questions.kit.fills_at_rest import course_of
+from studies.questions.kit.fills_at_rest import MAP_SIZE, Course, course_of, fundus_maps
 from studies.questions.kit.words import PARTS
 
 FILLS = (0.7, 0.8, 0.9)
@@ -143,6 +143,12 @@ def test_maps_have_a_legend_below_and_tell_nasal_from_temporal(monkeypatch):
     assert places["T"][0] < places["N"][0] and places["T"][1] < eye_pictures.MAPS_HEAD + 168
     assert "touched by light oil" in places and places["touched by light oil"][1] > picture.height - 66
     assert {tuple(OF_OIL.covered), tuple(OF_OIL.bare)} <= {color for _, color in picture.getcolors(1 << 20)}
+
+
+def test_a_fill_without_a_shape_has_no_map():
+    unknown = np.full((1, len(PARTS)), np.nan)
+    drawn, = fundus_maps(Resting.of(Eye()), [Course([[]], unknown, unknown, unknown)], [0])
+    assert drawn.getcolors() == [(MAP_SIZE**2, (255, 255, 255))]
 
 
 @pytest.mark.thorough
