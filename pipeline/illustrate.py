@@ -20,7 +20,7 @@ from pipeline.base.progress import progress
 from pipeline.base.threads import library_threads
 from pipeline.base.vtk_files import read_vtk
 from pipeline.illustration.illustrator import Illustrator, oils_of
-from pipeline.illustration.style import Style, add_style, style_of
+from pipeline.illustration.style import Style, add_files, add_style, style_of
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surfaces
@@ -51,8 +51,8 @@ def illustrate(scene: Scene, eye, frames: Path, surfaces: Path, output: Path, la
     paths = find_frames(frames)
     wanting = [path for path in paths if not _picture_of(path, begun).is_file()]
     with progress(len(paths), f"{scene.name}: illustrate {frames.name}") as bar:
+        bar.update(len(paths) - len(wanting))
         if wanting:
-            bar.update(len(paths) - len(wanting))
             gravity = read_frame(find_frames(last)[-1]).gravity
             _draw(wanting, Illustrator(scene, eye, gravity, style, film=True), surfaces, begun, bar.update)
     mark.unlink()
@@ -97,10 +97,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.illustrate", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
-    parser.add_argument("eye", type=Path, metavar="eye.vtp", help="surface of the cavity")
-    parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
-    parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
+    add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="folder of pictures to write")
     parser.add_argument("--last", type=Path, metavar="FRAMES_DIR",
                         help="frames of the last segment, which decide along which plane the eye is opened "

@@ -14,7 +14,7 @@ from pipeline.base.files import replacing
 from pipeline.base.frame_files import FrameData, frame_at
 from pipeline.base.vtk_files import read_vtk
 from pipeline.illustration.illustrator import Illustrator, oils_of
-from pipeline.illustration.style import Style, add_style, style_of
+from pipeline.illustration.style import Style, add_files, add_style, style_of
 from pipeline.scenes.model import Scene
 from pipeline.surfaces.surface_files import read_surfaces
 
@@ -45,10 +45,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.still",
                                      description="Draw one frame as a labeled illustration of the opened eye.")
-    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
-    parser.add_argument("eye", type=Path, metavar="eye.vtp", help="surface of the cavity")
-    parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
-    parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
+    add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="still.png", help="picture to write")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to it (default: the last)")
     add_style(parser, "1280x720", SAMPLES, "names")

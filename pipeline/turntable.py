@@ -14,7 +14,7 @@ from pipeline.base.frame_files import frame_at
 from pipeline.base.progress import progress
 from pipeline.base.vtk_files import read_vtk
 from pipeline.illustration.illustrator import Illustrator, oils_of
-from pipeline.illustration.style import add_style, style_of
+from pipeline.illustration.style import add_files, add_style, style_of
 from pipeline.pictures.movie_file import write_movie
 from pipeline.pictures.pace import RATE, Pace
 from pipeline.scenes.load import load_resolved
@@ -34,10 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.turntable", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
-    parser.add_argument("eye", type=Path, metavar="eye.vtp", help="surface of the cavity")
-    parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
-    parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
+    add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="turntable.mp4", help="movie to write")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to it (default: the last)")
     parser.add_argument("--pictures", type=int, default=PICTURES, metavar="N",

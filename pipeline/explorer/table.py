@@ -48,19 +48,14 @@ class Table:
     def of(cls, shapes: list[Shape | None]) -> "Table":
         """Pack shapes, one behind the other. Where none was found all is zero."""
         size = (len(LATITUDES), len(MERIDIANS))
-        margin, gap, doubt, view, shares = [], [], [], [], []
-        for one in shapes:
-            if one is None:
-                values_of = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
-            else:
-                values_of = (128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
-                             255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
-                             np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
-                             128.0 + one.view / VIEW_STEP, one.shares)
-            for values, value in zip((margin, gap, doubt, view, shares), values_of, strict=True):
-                values.append(value)
-        packed = [_eight_bits(values) for values in (margin, gap, doubt, view)]
-        return cls(packed[0], packed[1], packed[2], packed[3], np.array(shares, np.float32))
+        nothing = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
+        *fields, shares = zip(*(nothing if one is None else (
+            128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
+            255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
+            np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
+            128.0 + one.view / VIEW_STEP, one.shares) for one in shapes), strict=True)
+        packed = (np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8) for values in fields)
+        return cls(*packed, np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""
@@ -105,10 +100,6 @@ def gap_of(values: np.ndarray) -> np.ndarray:
 def view_of(values: np.ndarray) -> np.ndarray:
     """Viewpoints, m, from those of a table."""
     return VIEW_STEP * (np.asarray(values, float) - 128.0)
-
-
-def _eight_bits(values: list[np.ndarray]) -> np.ndarray:
-    return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)
 
 
 def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:

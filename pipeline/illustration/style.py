@@ -1,6 +1,7 @@
 """How illustrations are drawn, and the options of the command line for it."""
 import argparse
 import dataclasses
+from pathlib import Path
 
 from pipeline.base.errors import UserError
 from pipeline.base.threads import checked_threads
@@ -55,6 +56,14 @@ def size_of(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 8192 and 16 <= int(height) <= 8192):
         raise argparse.ArgumentTypeError(f"is {text}, but must be such as 1280x720, 16 to 8192 pixels each")
     return int(width), int(height)
+
+
+def add_files(parser: argparse.ArgumentParser) -> None:
+    """Add what an illustration is drawn from to a command line."""
+    parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
+    parser.add_argument("eye", type=Path, metavar="eye.vtp", help="surface of the cavity")
+    parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")
+    parser.add_argument("surfaces", type=Path, metavar="SURFACES_DIR", help="folder of the reconstruct stage")
 
 
 def add_style(parser: argparse.ArgumentParser, size: str, samples: int, letters: str) -> None:

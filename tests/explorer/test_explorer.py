@@ -195,7 +195,7 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
     size, computed = (len(LATITUDES), len(MERIDIANS)), []
     chart = SimpleNamespace(shift=lambda margin, change: 0.0)
 
-    def shape_at(cavities, tamponade, meridian, tilt, fill):
+    def shape_at(views, tamponade, meridian, tilt, fill):
         computed.append((tilt, meridian))
         field = np.broadcast_to(np.arange(len(MERIDIANS)) * 1e-4, size)
         return None if fill == FILLS[0] else Shape(

@@ -197,7 +197,7 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
 def test_what_an_eye_without_tables_takes_is_said_before_it_begins(tmp_path, monkeypatch, capsys):
     made = []
 
-    def touch_of(cavity, liquids, down, advance):
+    def touch_of(resting, liquids, down, advance):
         assert "90 shapes of oil at rest, about" in capsys.readouterr().err or made
         made.append(down)
         return next(iter(read_tables(MAP).values()))
