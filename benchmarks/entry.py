@@ -10,7 +10,6 @@ has a case, from the tables of docs/results of the same level. A case that lacks
 import argparse
 import csv
 import dataclasses
-import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import numpy as np
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
-from pipeline.base.tables import TIME, read_table
+from pipeline.base.tables import TIME, csv_of, read_table
 from studies.results.tables import FOLDER, read_layout, read_rows
 from studies.results.take_over import taken_of
 
@@ -200,9 +199,7 @@ def main() -> None:
     if not lines:
         raise UserError(f"nothing to enter at {options.accuracy}: run `snakemake -j2 {STUDY} --config "
                         f"accuracy={options.accuracy}` first")
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *lines])
-    write_text(options.output, text.getvalue())
+    write_text(options.output, csv_of(COLUMNS, lines))
     print("\n".join([f"{options.output}: {len({line[0] for line in lines})} cases", *missing]))
 
 

@@ -7,24 +7,16 @@ time) and .csv (cost, and every metric that all have). All levels must have been
 stands beside the shape of least energy, where the scene has one.
 """
 import argparse
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base import cli
 from pipeline.base.files import replacing, write_text
+from pipeline.base.tables import csv_of
 from pipeline.comparison.comparison_page import page_of, rows_of
 from pipeline.comparison.levels import changes, check, common_frames, in_short
 from pipeline.comparison.picture import picture_of
 from pipeline.runs.run_folder import RunFolder
-
-
-def csv_of(lines: Sequence[Sequence[str]]) -> str:
-    """Return the table as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -44,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     target = options.output or options.folders[0].parent / "_".join(["compare", *(run.level for run in runs)])
     with replacing(target.with_name(f"{target.name}.png")) as partial:
         partial.write_bytes(picture)
-    write_text(target.with_name(f"{target.name}.csv"), csv_of(rows_of(runs, found)))
+    write_text(target.with_name(f"{target.name}.csv"), csv_of(*rows_of(runs, found)))
     write_text(target.with_name(f"{target.name}.html"), page_of(runs, rows, found, target.parent))
     print(f"{runs[0].scene.name}: {in_short(runs, found)}")
 

@@ -4,13 +4,13 @@ Memory and kernels are those of one process; launches and times are added up ove
 two steps of every segment, in which kernels are compiled, is left out.
 """
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base import page
 from pipeline.base.cli import run
-from pipeline.base.files import replacing, write_text
+from pipeline.base.files import write_text
+from pipeline.base.tables import csv_of
 from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
@@ -66,14 +66,6 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict], path: 
         heads=heads, cells=cells, absent=absent(scene))], heading=f"{title}: what its effects cost", path=path)
 
 
-def write_csv(path: Path, rows: Sequence[dict]) -> None:
-    """Write the table with every digit."""
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line: ``python -m pipeline.effect_costs scene.json COSTS.json... --page FILE.html --table FILE.csv``."""
     columns = "\n".join(f"  {name:18} {meaning}" for name, meaning in COLUMNS.items() if meaning)
@@ -87,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     scene, segments = load_resolved(options.scene), [read_costs(path) for path in options.costs]
     rows = add_up(segments)
-    write_csv(options.table, rows)
+    write_text(options.table, csv_of(tuple(COLUMNS), rows))
     write_text(options.page, page_of(scene, rows, segments, options.page))
 
 

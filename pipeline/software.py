@@ -3,8 +3,6 @@
     python -m pipeline.software --output outputs/software.html --output outputs/software.csv
 """
 import argparse
-import csv
-import io
 import platform
 import sys
 from collections import Counter
@@ -15,6 +13,7 @@ from pipeline.base import page
 from pipeline.base.cli import run
 from pipeline.base.files import write_text
 from pipeline.base.packages import Package, packages
+from pipeline.base.tables import csv_of
 from pipeline.web.scripts import LIBRARIES
 
 HERE = Path(__file__).parent
@@ -38,9 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def table_of(found: Sequence[Package]) -> str:
     """Return the packages as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([HEADS, *((one.name, one.version, one.license) for one in found)])
-    return text.getvalue()
+    return csv_of(HEADS, [(one.name, one.version, one.license) for one in found])
 
 
 def page_of(found: Sequence[Package]) -> str:

@@ -1,5 +1,7 @@
 """Tables as CSV files. A column is called ``name [unit]``."""
-from collections.abc import Iterable, Mapping
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,14 @@ class Table(dict[str, np.ndarray]):
 
     def __missing__(self, column: str) -> np.ndarray:
         raise UserError(f"{self._path}: has no column {column}{nearest(column, self)}")
+
+
+def csv_of(heads: Sequence[str], rows: Iterable[Sequence[object] | Mapping[str, object]]) -> str:
+    """Return a table as CSV; a row holds its cells in the order of the heads, or by them."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *(
+        [row[head] for head in heads] if isinstance(row, Mapping) else row for row in rows)])
+    return text.getvalue()
 
 
 def write_table(path: Path, table: Mapping[str, Iterable[float]]) -> None:

@@ -24,10 +24,11 @@ MARKED = 0.1        # share of the extent of a metric from which its row is mark
 HERE = Path(__file__).parent
 
 
-def rows_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[list[str]]:
-    """Return the table as text, the heads first: the cost, then every metric."""
-    lines = [["what", "unit", *(run.level for run in runs), "minimum energy", "largest difference", "at [s]",
-              "of its extent"]]
+def rows_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[list[str], list[list[str]]]:
+    """Return heads and rows of the table: the cost, then every metric."""
+    heads = ["what", "unit", *(run.level for run in runs), "minimum energy", "largest difference", "at [s]",
+             "of its extent"]
+    lines = []
     costs = [cost(run) for run in runs]
     for name in [name for name in costs[0] if all(name in one for one in costs)]:
         words, _, unit = name.rstrip("]").partition(" [")
@@ -35,7 +36,7 @@ def rows_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[list[str
     lines += [[one.name, one.unit, *(f"{value:.6g}" if math.isfinite(value) else "" for value in one.values),
                "" if one.at_rest is None else f"{one.at_rest:.6g}", f"{one.largest:.6g}",
                f"{one.time:.6g}" if one.largest else "", f"{100 * one.share:.1f} %"] for one in found]
-    return lines
+    return heads, lines
 
 
 def price_table(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[list[str], list[list[str]]]:
@@ -104,7 +105,7 @@ def curves_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[Chart]
 
 def page_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequence[Change], folder: Path) -> str:
     """Return the page, with links to those of the runs, to be written into a folder."""
-    heads, *lines = rows_of(runs, found)
+    heads, lines = rows_of(runs, found)
     levels, illustrated = in_a_row([run.level for run in runs]), illustration_in_words(runs[0].scene)
     _, paths = last_pictures(runs, runs[0].table["frame"][rows[0]])
     sources = [data_url(webp(scaled(read_picture(path), PICTURE_WIDTH)), "image/webp") for path in paths]

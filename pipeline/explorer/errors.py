@@ -1,7 +1,6 @@
 """How far what the tables say is off the shape itself, at settings between those of the tables."""
 import csv
 import dataclasses
-import io
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from markupsafe import Markup
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.tables import csv_of
 from pipeline.equilibrium.star_cavity import FINE
 from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
@@ -54,9 +54,7 @@ class Errors:
 
     def write(self, folder: Path = FOLDER) -> None:
         """Write the settings as CSV."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([HEADS, *self.rows])
-        write_text(folder / FILE, text.getvalue())
+        write_text(folder / FILE, csv_of(HEADS, self.rows))
 
     @property
     def off(self) -> np.ndarray:

@@ -6,7 +6,6 @@ Equations: docs/methods/equilibrium.md.
 """
 import csv
 import dataclasses
-import io
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.tables import csv_of
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import shares
 from pipeline.equilibrium.least import Resting
@@ -131,9 +131,7 @@ def write_tables(folder: Path, tables: dict[Key, Touch]) -> None:
     chart = (*KEYS, "latitude [deg]", *(f"meridian {one:g} deg: fill [%]" for one in MERIDIANS))
     shared = (*KEYS, "fill [%]", *(f"{name} [%]" for name in SHARES))
     for name, head, rows in ((TOUCH, chart, touch), (TOUCH_BY_BOTH, chart, by_both), (COVERED, shared, covered)):
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([head, *rows])
-        write_text(folder / name, text.getvalue())
+        write_text(folder / name, csv_of(head, rows))
 
 
 def read_tables(folder: Path) -> dict[Key, Touch]:

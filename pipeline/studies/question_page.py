@@ -5,7 +5,6 @@ tables, what the answers rest on, and what words mean. A file `<report>_page.py`
 the studies with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a
 folder and returns the parts of the page.
 """
-import csv
 import dataclasses
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +16,8 @@ from markupsafe import Markup
 from pipeline.base import page
 from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
-from pipeline.base.files import replacing
+from pipeline.base.files import replacing, write_text
+from pipeline.base.tables import csv_of
 from pipeline.base.words import NO_ADVICE
 from pipeline.studies.guests import guest, page_modules
 from pipeline.studies.model import Outcome
@@ -114,10 +114,12 @@ def table_rows(outcomes: Sequence[Outcome], name: str) -> list[dict[str, str]]:
     return [dict(zip(heads, line, strict=True)) for line in lines]
 
 
-def write_csv(path: Path, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
-    """Write a table."""
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows([heads, *lines])
+def written_tables(outcomes: Sequence[Outcome], names: Iterable[str], folder: Path) -> dict[str, list[dict[str, str]]]:
+    """Write tables that several cases have lines of; return their lines, as mappings from heads to cells."""
+    found = {name: table_rows(outcomes, name) for name in names}
+    for name, rows in found.items():
+        write_text(folder / f"{name}.csv", csv_of(tuple(rows[0]), rows))
+    return found
 
 
 def write_picture(path: Path, content: bytes) -> None:

@@ -2,7 +2,6 @@
 
 A case without a result is a row that does not hold, and a sentence that says why.
 """
-import csv
 import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
@@ -12,6 +11,7 @@ from pipeline.base import page
 from pipeline.base.canvas import empty_figure
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
+from pipeline.base.tables import csv_of
 from pipeline.base.words import no_formula
 from pipeline.studies.model import COLUMNS, FAILED, MADE, OUTCOME, Curve, Figure, Outcome
 from pipeline.studies.plan import Case, Study
@@ -74,7 +74,7 @@ def write_study(study: Study, outcomes: Sequence[Outcome], target: Path, complet
     outcomes = [*in_short, *found, *failed]
     rows = [row.cells(outcome.case) for outcome in outcomes for row in outcome.rows]
     made = [_made(study, [outcome] if outcome.machine else found) for outcome in outcomes for _ in outcome.rows]
-    _write_csv(target / "table.csv", [row | by for row, by in zip(rows, made, strict=True)])
+    write_text(target / "table.csv", csv_of((*COLUMNS, *MADE), [row | by for row, by in zip(rows, made, strict=True)]))
     for figure in study.figures():
         _draw(target / f"{figure.name}.png", figure, [curve for outcome in outcomes for curve in outcome.curves
                                                      if curve.figure == figure.name])
@@ -107,13 +107,6 @@ def summary(name: str, rows: Iterable[dict[str, str]]) -> str:
     if len(missed) > MOST_LINES:
         lines.append(f"  and {len(missed) - MOST_LINES} more, see its table")
     return "\n".join(lines)
-
-
-def _write_csv(path: Path, rows: Iterable[dict[str, str]]) -> None:
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*COLUMNS, *MADE], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _draw(path: Path, figure: Figure, curves: Sequence[Curve]) -> None:

@@ -1,12 +1,12 @@
 """The tables of ``docs/results``: one CSV file per page, one row per number, and what the pages say around them."""
 import csv
 import dataclasses
-import io
 from collections.abc import Iterable
 from pathlib import Path
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
+from pipeline.base.tables import csv_of
 from pipeline.scenes.yaml_files import read_yaml
 
 FOLDER = Path("docs") / "results"  # in the project
@@ -175,8 +175,4 @@ def read_rows(folder: Path, page: Page) -> list[Row]:
 
 def write_rows(folder: Path, page: Page, rows: Iterable[Row]) -> None:
     """Write the table of a page."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(dataclasses.astuple(row) for row in rows)
-    write_text(folder / f"{page.name}.csv", text.getvalue())
+    write_text(folder / f"{page.name}.csv", csv_of(COLUMNS, map(dataclasses.astuple, rows)))

@@ -7,7 +7,6 @@ reference (``self_convergence``) gives a curve instead, which is compared with t
 resolution. Times are those of the steps, without compilation, of all cores: on a computer that does other things as
 well, the clock says little.
 """
-import csv
 import dataclasses
 import itertools
 import math
@@ -17,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.canvas import empty_figure
-from pipeline.base.files import replacing
+from pipeline.base.files import replacing, write_text
+from pipeline.base.tables import csv_of
 from pipeline.forecast.expected_error import ALIKE, LEAST_ORDER, error_at, in_words
 from pipeline.forecast.expected_error import COLUMNS as ORDER_COLUMNS
 from pipeline.studies.family import Family
@@ -201,12 +201,12 @@ def write_tradeoff(study: Study, outcomes: Sequence[Outcome], target: Path) -> l
     for family in study.families():
         cases = [case for case in study.cases.values() if case.family is family]
         points = points_of(cases, [next(one for one in outcomes if one.case == case.name) for case in cases])
-        _write_csv(target / f"{family.name}.csv", [field.name for field in dataclasses.fields(Point)],
-                   [dataclasses.asdict(point) for point in points])
+        write_text(target / f"{family.name}.csv", csv_of([field.name for field in dataclasses.fields(Point)],
+                                                         map(dataclasses.astuple, points)))
         _draw(target / f"{family.name}_tradeoff.png", family, points)
         orders += orders_of(family, points)
         found.append(in_short(family, points))
-    _write_csv(target / "orders.csv", ORDER_COLUMNS, orders)
+    write_text(target / "orders.csv", csv_of(ORDER_COLUMNS, orders))
     return found
 
 
@@ -214,13 +214,6 @@ def unasked(outcome: Outcome) -> Outcome:
     """The outcome without tolerances, for inexact runs are what such a study is about; that a run ends is asked."""
     rows = [row if row.quantity == REACHED else dataclasses.replace(row, tolerance=None) for row in outcome.rows]
     return dataclasses.replace(outcome, rows=rows)
-
-
-def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def order_to_quote(points: Sequence[Point]) -> float:

@@ -16,9 +16,8 @@ from pipeline.studies.question_page import (
     StudyPage,
     drawn,
     link_to,
-    table_rows,
-    write_csv,
     write_picture,
+    written_tables,
 )
 from studies.questions.exchanged_oil._words import LARGEST, LEFT, LOST_AT, PIECES
 from studies.questions.moved_oil.moved_oil_page import oil_words
@@ -32,9 +31,7 @@ Rows = Sequence[dict[str, str]]
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write tables and picture into a folder, and return the parts of the page."""
-    tables = {name: table_rows(outcomes, name) for name in TABLES}
-    for name, rows in tables.items():
-        write_csv(target / f"{name}.csv", list(rows[0]), [list(row.values()) for row in rows])
+    tables = written_tables(outcomes, TABLES, target)
     picture = _picture(tables["cannulas"], tables["courses"])
     write_picture(target / "exchange.png", picture)
     return _page(description, tables["cannulas"], tables["exchanges"], picture).parts()

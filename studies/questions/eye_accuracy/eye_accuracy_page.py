@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base import page
+from pipeline.base.files import write_text
 from pipeline.base.palette import COLORS
+from pipeline.base.tables import csv_of
 from pipeline.base.words import duration
 from pipeline.forecast.retina_error import COLUMNS
 from pipeline.studies.model import Outcome, Row
 from pipeline.studies.plan import spacings
-from pipeline.studies.question_page import WORDS, StudyPage, drawn, link_to, table_rows, write_csv, write_picture
+from pipeline.studies.question_page import WORDS, StudyPage, drawn, link_to, table_rows, write_picture, written_tables
 from pipeline.web.embedded import data_url
 from studies.questions.eye_accuracy._words import EYE_RUNS, covered_at
 
@@ -118,14 +120,13 @@ def sentence(size: Size, moment: float) -> str:
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write picture and tables into a folder, and return the parts of the page."""
-    lines = table_rows(outcomes, "eye_runs")
+    lines = written_tables(outcomes, TABLES[:1], target)["eye_runs"]
     sizes, moment = sizes_of(lines), moment_of(lines)
     picture = picture_of(sizes, moment)
     write_picture(target / "accuracy_eye.png", picture)
-    write_csv(target / "eye_runs.csv", list(lines[0]), [list(line.values()) for line in lines])
-    write_csv(target / "eye_errors.csv", COLUMNS, [[str(value) for value in (
+    write_text(target / "eye_errors.csv", csv_of(COLUMNS, [(
         size.scene, f"{1e-3 * size.spacing:.6g}", len(size.rest), f"{size.minutes:.4g}",
-        *(f"{number:.4g}" for number in (size.rest.mean(), size.rest.min(), size.rest.max())))] for size in sizes])
+        *(f"{number:.4g}" for number in (size.rest.mean(), size.rest.min(), size.rest.max()))) for size in sizes]))
     return [page.rendered(
         HERE / "eye_accuracy_page.html", description=description, picture=data_url(picture, "image/png"),
         sentences=[sentence(size, moment) for size in sizes], points=WORDS["points"],

@@ -12,7 +12,9 @@ import numpy as np
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
 from pipeline.base.palette import COLORS
+from pipeline.base.tables import csv_of
 from pipeline.equilibrium.checked import SIMULATED
 from pipeline.studies.model import Outcome
 from pipeline.studies.question_page import (
@@ -21,7 +23,6 @@ from pipeline.studies.question_page import (
     drawn,
     joined_tables,
     link_to,
-    write_csv,
     write_picture,
 )
 from studies.questions.filled_eye._words import MODEL_ARC, SPHERE, TAMPONADES, WHOLE_SPHERE
@@ -114,7 +115,7 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     UserError : the cases have no maps of the fundus.
     """
     heads, lines = joined_tables(outcomes, "shares")
-    write_csv(target / "shares.csv", heads, lines)
+    write_text(target / "shares.csv", csv_of(heads, lines))
     shares = Shares.of(lines)
     curves = _curves(shares)
     write_picture(target / "fill_curves.png", curves)

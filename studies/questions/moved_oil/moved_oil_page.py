@@ -17,9 +17,8 @@ from pipeline.studies.question_page import (
     StudyPage,
     drawn,
     link_to,
-    table_rows,
-    write_csv,
     write_picture,
+    written_tables,
 )
 from studies.questions.moved_oil._words import (
     EXACT_STRESS,
@@ -131,11 +130,9 @@ class Movements:
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write tables and picture into a folder, and return the parts of the page."""
-    for name in TABLES:
-        rows = table_rows(outcomes, name)
-        write_csv(target / f"{name}.csv", list(rows[0]), [list(row.values()) for row in rows])
-    movements, courses = Movements.of(table_rows(outcomes, "movements")), table_rows(outcomes, "courses")
-    picture = _picture(movements, courses)
+    tables = written_tables(outcomes, TABLES, target)
+    movements = Movements.of(tables["movements"])
+    picture = _picture(movements, tables["courses"])
     write_picture(target / "movements.png", picture)
     return _page(description, movements, picture).parts()
 

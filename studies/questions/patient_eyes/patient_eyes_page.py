@@ -9,9 +9,11 @@ from PIL import Image
 
 from pipeline.base import page
 from pipeline.base.errors import UserError
+from pipeline.base.files import write_text
+from pipeline.base.tables import csv_of
 from pipeline.equilibrium.checked import SIMULATED
 from pipeline.studies.model import Outcome, Row
-from pipeline.studies.question_page import QuestionPage, StudyPage, joined_tables, link_to, write_csv, write_picture
+from pipeline.studies.question_page import QuestionPage, StudyPage, joined_tables, link_to, write_picture
 from studies.questions.filled_eye.filled_eye_page import SHOWN_PARTS, Share
 from studies.questions.kit.eye_pictures import all_eyes, as_png_file
 from studies.questions.kit.words import AQUEOUS, SHOWN, posture_words
@@ -67,7 +69,7 @@ class Eyes:
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write ``shares.csv`` and ``eye_maps.png`` into a folder, and return the parts of the page."""
-    write_csv(target / "shares.csv", *joined_tables(outcomes, "shares"))
+    write_text(target / "shares.csv", csv_of(*joined_tables(outcomes, "shares")))
     eyes = Eyes.of(outcomes)
     if any(ROW not in outcome.pictures for outcome in outcomes):
         raise UserError("a case of the study has no picture; run it again")

@@ -15,9 +15,8 @@ from pipeline.studies.question_page import (
     StudyPage,
     drawn,
     link_to,
-    table_rows,
-    write_csv,
     write_picture,
+    written_tables,
 )
 from studies.questions.moved_oil.moved_oil_page import oil_words
 from studies.questions.shed_droplets._words import BASE, FILL, LINE_BY_PARTICLES, MOVEMENT, OIL, POSTURE, SHED, TENSION
@@ -32,9 +31,7 @@ Rows = Sequence[dict[str, str]]
 
 def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> list[str]:
     """Write tables and picture into a folder, and return the parts of the page."""
-    tables = {name: table_rows(outcomes, name) for name in TABLES}
-    for name, rows in tables.items():
-        write_csv(target / f"{name}.csv", list(rows[0]), [list(row.values()) for row in rows])
+    tables = written_tables(outcomes, TABLES, target)
     picture = _picture(tables)
     write_picture(target / "droplets.png", picture)
     return _page(description, tables, picture, outcomes).parts()
