@@ -13,9 +13,9 @@ from conftest import ROOT
 from helpers.headless_browser import Browser, find_browser
 
 SOUGHT = {  # words of users -> a page among the first five
-    "contact angle": "guide/effects", "tamponade": "results/eye", "cluster": "guide/clusters", "STL": "guide/files",
+    "tamponade": "results/eye", "cluster": "guide/clusters", "STL": "guide/files",
     "accuracy": "guide/start", "Blender": "guide/files", "out of memory": "guide/trouble", "saccade": "guide/effects",
-    "GPU": "guide/start", "buckle": "guide/scenes", "gas": "guide/scenes", "resume": "guide/trouble",
+    "buckle": "guide/scenes", "gas": "guide/scenes",
     "posture": "guide/scenes", "break": "guide/clinic", "powerpoint": "tutorials/slide", "oil_at_rest": "api/library",
 }
 FIRST = {  # words of users -> the first page

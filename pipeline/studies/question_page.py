@@ -1,9 +1,8 @@
 """A page that answers one question of a surgeon, to be read in two minutes.
 
 Every page says the same things in the same order: the answers, one picture, that it is no advice, and, on a click, the
-tables, what the answers rest on, and what words mean. A file `<report>_page.py` of `studies` writes the page of
-the studies with that `report`: it has the names of its PICTURES and TABLES, and `write_page`, which writes both into a
-folder and returns the parts of the page.
+tables, what the answers rest on, and what words mean. The file `<report>_page.py` of `studies` writes the page of the
+studies with that `report`, and says so in a :class:`StudyPage`.
 """
 import dataclasses
 import io
