@@ -25,7 +25,6 @@ from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import SOLVES
 from pipeline.scenes.model import Scene
 
-HERE = Path(__file__).parent
 STAGES = ("eye", "voxelize", "simulate", "reconstruct", "render", "metrics")
 FILES = ("eye.vtp", "initial.npz", "frames", "checkpoints", "surfaces", "images", "metrics.csv")
 
@@ -77,8 +76,8 @@ def page_of(scene: Scene, found: Sequence[ExpectedError], lines: Sequence[tuple[
             path: Path | None = None, remark: str = "", *, predicted: bool = True) -> str:
     """Return the page, to be written to a file; ``found`` are the errors to expect."""
     title = scene.title or scene.name
-    return page.page(f"{title}: cost", [page.rendered(
-        HERE / "cost.html", scene=scene, lines=lines if predicted else [line[:3:2] for line in lines],
+    return page.page(f"{title}: cost", [page.filled(
+        __file__, scene=scene, lines=lines if predicted else [line[:3:2] for line in lines],
         predicted=predicted, remark=remark if predicted else "",
         errors=[f"{one.quantity}: {one.words} ({one.source})" for one in found])], path=path)
 

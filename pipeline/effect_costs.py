@@ -15,7 +15,6 @@ from pipeline.scenes.load import load_resolved
 from pipeline.scenes.model import Scene
 from pipeline.simulation.cost_files import read_costs
 
-HERE = Path(__file__).parent
 COLUMNS = {"part": "", "fields": "Taichi fields", "bytes": "memory of the fields", "kernels": "kernels compiled",
            "launches_per_step": "kernel launches per step", "cpu_seconds": "time of all cores, s",
            "seconds": "time by the clock, s", "cpu_share": "share of the time of all cores",
@@ -59,8 +58,8 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict], path: 
               f"{row['launches_per_step']:.1f}", f"{1e3 * row['cpu_seconds'] / timed:.3f}",
               f"{100 * row['cpu_share']:.1f} %", row["hooks"].replace("_", " ")) for row in rows]
     title = scene.title or scene.name
-    return page.page(f"{title}: effects", [page.rendered(
-        HERE / "effect_costs.html", scene=scene, last=last, steps=sum(segment["steps"] for segment in segments),
+    return page.page(f"{title}: effects", [page.filled(
+        __file__, scene=scene, last=last, steps=sum(segment["steps"] for segment in segments),
         segments=len(segments), devices=list(dict.fromkeys(segment["device"] for segment in segments)),
         owned=f"{sum(row['bytes'] for row in rows) / 2**20:.2f}", allocated=f"{last['allocated_bytes'] / 2**20:.2f}",
         heads=heads, cells=cells, absent=absent(scene))], heading=f"{title}: what its effects cost", path=path)

@@ -30,7 +30,6 @@ from pipeline.scenes.threads import solver_threads
 from sim.advice import shown
 from sim.cores import available_cores
 
-HERE = Path(__file__).parent
 HOW = ("Measured on a few steps of the scene itself and extended to all of them. Times hold while nothing else runs, "
        "and with compiled kernels, as this estimate leaves them behind.")
 UNKNOWN = "unknown"
@@ -87,8 +86,8 @@ def html_of(found: Estimate, path: Path | None = None) -> str:
     """Return the estimate as a page, to be written to a file."""
     columns = [dict(rows(level)) for level in found.levels]
     lines = [(name.strip(), *(column[name] for column in columns)) for name in columns[0]]
-    return page.page(f"{found.title}: estimate", [page.rendered(
-        HERE / "estimate.html", how=HOW, heads=("", *(level.accuracy for level in found.levels)), lines=lines,
+    return page.page(f"{found.title}: estimate", [page.filled(
+        __file__, how=HOW, heads=("", *(level.accuracy for level in found.levels)), lines=lines,
         notes=[f"{level.accuracy}: {note}." for level in found.levels for note in notes(level)])],
         path=path)
 

@@ -16,7 +16,6 @@ from pipeline.base.packages import Package, packages
 from pipeline.base.tables import csv_of
 from pipeline.web.scripts import LIBRARIES
 
-HERE = Path(__file__).parent
 HEADS = ("name", "version", "license")
 
 
@@ -42,8 +41,8 @@ def table_of(found: Sequence[Package]) -> str:
 
 def page_of(found: Sequence[Package]) -> str:
     """Return the packages as a page."""
-    return page.page("Software", [page.rendered(
-        HERE / "software.html", python=platform.python_version(), system=platform.platform(), heads=HEADS,
+    return page.page("Software", [page.filled(
+        __file__, python=platform.python_version(), system=platform.platform(), heads=HEADS,
         libraries=" and ".join(one.name for one in LIBRARIES),
         packages=[(one.name, one.version, one.license) for one in found],
         licenses=Counter(one.license for one in found).most_common())])

@@ -15,7 +15,6 @@ from sim.advice import NOTE, SEEN_EFFECT, WARNING, Advice, Limit, Quantity, show
 from sim.scales import Scales
 
 HEADINGS = {WARNING: "Warnings", SEEN_EFFECT: "What matters", NOTE: "Notes"}
-HERE = Path(__file__).parent
 DISCLAIMER = ("Estimates of an order of magnitude: one length L and one speed U stand for the whole scene, and U is "
               "the largest that the scene can give its liquids.")
 
@@ -107,8 +106,8 @@ def text_of(report: Report) -> str:
 
 def html_of(report: Report, path: Path | None = None) -> str:
     """Return the report as a page, to be written to a file."""
-    return page.page(f"{report.title}: advice", [page.rendered(
-        HERE / "report.html", report=report, disclaimer=DISCLAIMER, sections=_sections(report), off=OFF,
+    return page.page(f"{report.title}: advice", [page.filled(
+        __file__, report=report, disclaimer=DISCLAIMER, sections=_sections(report), off=OFF,
         advice={heading: [one for one in report.advice if one.level == level] for level, heading in HEADINGS.items()})],
         path=path)
 

@@ -17,7 +17,6 @@ RUN_PAGES = {"index.html": "this run", "metrics.html": "metrics", "advice.html":
              "effects.html": "effects"}
 RUN_FILE = "scene.json"  # by which the folder of a run is known
 
-HERE = Path(__file__).parent
 _TEMPLATES = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
 _TABLE = _TEMPLATES.from_string("""<table>
 <tr>{% for head in heads %}<th{% if loop.index0 in words %} class="words"{% endif %}>{{ head }}</th>{% endfor %}</tr>
@@ -43,15 +42,19 @@ def page(title: str, parts: Iterable[str], heading: str = "", path: Path | None 
     """
     beside = path is not None and (path.parent / RUN_FILE).is_file()
     links = {file: text for file, text in RUN_PAGES.items() if beside and file != path.name} | dict(links)
-    sheet = (HERE / "page.css").read_text(encoding="utf-8")
-    return str(rendered(HERE / "page.html", title=title, heading=heading or title,
-                        parts=[part for part in parts if part], links=links, style=Markup(f"{sheet}{style}"),
-                        head=Markup(head)))
+    sheet = Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
+    return str(filled(__file__, title=title, heading=heading or title, parts=[part for part in parts if part],
+                      links=links, style=Markup(f"{sheet}{style}"), head=Markup(head)))
 
 
 def rendered(template: Path, **values: object) -> Markup:
     """Return a template of Jinja with values, which it escapes unless they are Markup."""
     return Markup(_template(template).render(**values))
+
+
+def filled(module: str, **values: object) -> Markup:
+    """Return the template that has the name of a file of Python, beside it: digests count both together."""
+    return rendered(Path(module).with_suffix(".html"), **values)
 
 
 @functools.cache

@@ -114,8 +114,8 @@ def page_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequen
     # Others are noise about zero, of which a share says nothing.
     marked = [first + number for number, one in enumerate(found) if one.drawn and one.share >= MARKED]
     price_heads, price = price_table(runs, found)
-    body = page.rendered(
-        HERE / "comparison_page.html", short=in_short(runs, found), illustrated=illustrated,
+    body = page.filled(
+        __file__, short=in_short(runs, found), illustrated=illustrated,
         price=page.table(price_heads, price), price_chart=charts(price_chart(runs, found), "price"),
         resting=_resting_in_words(resting), pictures=pictures, curves=charts(curves_of(runs, found)),
         table=page.details(

@@ -17,8 +17,6 @@ from pipeline.scenes.model import Scene
 from pipeline.web.chart import chart_library, chart_style, charts
 from pipeline.web.scripts import POLICY
 
-HERE = Path(__file__).parent
-
 
 def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.ndarray], scene: Scene,
                   events: Sequence[Event] = (), courses: Sequence[Course] = (), rest: str = "") -> None:
@@ -32,8 +30,8 @@ def write_summary(path: Path, shown: Sequence[Shown], table: Mapping[str, np.nda
     rest : whether it is at rest at its end, in words.
     """
     title, illustrated = scene.title or scene.name, illustration_in_words(scene)
-    body = page.rendered(
-        HERE / "summary.html", scene=scene, illustrated=illustrated, frames=len(table["frame"]),
+    body = page.filled(
+        __file__, scene=scene, illustrated=illustrated, frames=len(table["frame"]),
         spacing=f"{1e3 * scene.numerics.particle_spacing:g}", rest=f"{rest[:1].upper()}{rest[1:]}",
         breaks=breaks_over_time(courses), curves=charts(curves(shown, table[TIME], events)), changing=changing(shown),
         constant=constant(shown) if any(one.constant for one in shown) else "")

@@ -70,8 +70,8 @@ def page_of(run: RunFolder, *, shown: Sequence[Shown], advice: Report, errors: S
     scene, events, time = run.scene, run.events, run.table[TIME]
     found = headlines_of(scene, shown, run.least_energy)
     bars_drawn = bars(bars_of_metrics(shown, time), _ends(run))
-    body = page.rendered(
-        HERE / "run_page.html", of_eye=scene.container is None, unfinished=_unfinished(run),
+    body = page.filled(
+        __file__, of_eye=scene.container is None, unfinished=_unfinished(run),
         description=page.paragraph(scene.description) + (page.paragraph(page.bold(scene.label)) if scene.label else ""),
         still=_still(run), numbers=found, said=_said(run, found, events, errors),
         breaks=Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, scene)),

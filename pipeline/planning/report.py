@@ -1,6 +1,5 @@
 """What a plan says, as text and as a page: oil by oil, the posture that was asked for first."""
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from sim.liquid import GAS_DENSITY
 NOTHING = "–"
 HEADS = ("", "posture", "smallest fill", "range", "retina", "superior", "inferior", "macula")
 WORDS = (0, 1, 2, 3)    # columns of the table that hold words
-HERE = Path(__file__).parent
 
 
 def percent(share: float | None, digits: int = 0) -> str:
@@ -199,8 +197,8 @@ def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequenc
     ----------
     maps : answers that are shown, each with a map of the fundus as a data URL.
     """
-    return page.page("Which fill, oil and posture cover the break?", [page.rendered(
-        HERE / "report.html", no_advice=NO_ADVICE, place=question.place.words(eye.side),
+    return page.page("Which fill, oil and posture cover the break?", [page.filled(
+        __file__, no_advice=NO_ADVICE, place=question.place.words(eye.side),
         eye=eye_words(eye), verdict=verdict(question, found), checked=CHECKED, assumed=assumptions(question, eye),
         maps=[(f"{_brief(question, found, answer)}, {posture_words(answer.posture)}", fill_needed(question, answer),
                _touched(answer), source) for answer, source in maps],

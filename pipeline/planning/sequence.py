@@ -34,7 +34,6 @@ ALIKE = 1e-4                # directions of gravity that differ by less are one 
 MOST_POSTURES = 100         # each takes about a second and a half
 LEAST_FILL, MOST_FILL = 0.01, 0.995
 MAPS = 12                   # that a page draws
-HERE = Path(__file__).parent
 SHOWN = ("retina", "superior", "inferior", "macula")
 
 
@@ -252,8 +251,8 @@ def html_of(sequence: Sequence) -> str:
     charts = Charts(sequence.cavity, patches, sequence.scene.eye.side == "right")
     drawn = list({id(hold.rest): hold for hold in reversed(sequence.holds)}.values())[::-1][:MAPS]
     title = sequence.scene.title or sequence.scene.name
-    return page.page(f"{title}: oil at rest", [page.rendered(
-        HERE / "sequence.html", no_advice=NO_ADVICE, sentences=sentences(sequence),
+    return page.page(f"{title}: oil at rest", [page.filled(
+        __file__, no_advice=NO_ADVICE, sentences=sentences(sequence),
         maps=[(hold.words, f"{100 * hold.shares['retina']:.0f} % of the retina", charts.address(hold.contact))
               for hold in drawn],
         table=page.table(heads(sequence), rows(sequence), words=(2, *range(7, 7 + len(patches)))),

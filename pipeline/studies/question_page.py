@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from pipeline.studies.plan import Study
 
 Names = tuple[str, ...] | Callable[[Sequence[str]], Sequence[str]]
-HERE = Path(__file__).parent
 DOCS = "../../../../docs"  # from outputs/studies/<study>/<level>
 # What words mean, for readers who compute nothing.
 WORDS = {
@@ -84,8 +83,8 @@ class QuestionPage:
 
     def parts(self) -> list[str]:
         """Return the parts of the page."""
-        return [page.rendered(
-            HERE / "question_page.html", no_advice=NO_ADVICE, question=self,
+        return [page.filled(
+            __file__, no_advice=NO_ADVICE, question=self,
             picture=data_url(self.picture, "image/png"), explained={word: WORDS[word] for word in self.words})]
 
 

@@ -19,7 +19,6 @@ from pipeline.studies.plan import Case, Study
 MARKERS = "osD^v<>Pp*Xh"
 COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d16ba5", "#4aa8a0")
 VERDICTS = {"true": "✓", "false": "✗", "": ""}
-HERE = Path(__file__).parent
 OUTPUTS = Path("outputs/studies")
 SO_FAR = "so_far"  # folder in that of a study
 MOST_LABELS = 40  # of curves in a figure: the names of more cannot be read
@@ -151,8 +150,8 @@ def _write_page(path: Path, study: Study, outcomes: Sequence[Outcome], rows: Seq
     asked = [row for row in rows if row["holds"]]
     held = sum(row["holds"] == "true" for row in asked)
     found = f"{held} of {len(asked)} with a tolerance are within it" if asked else "none has a tolerance"
-    write_text(path, page.page(study.title, [page.rendered(
-        HERE / "report.html", description=study.description, accuracy=study.accuracy, found=found, instead=instead,
+    write_text(path, page.page(study.title, [page.filled(
+        __file__, description=study.description, accuracy=study.accuracy, found=found, instead=instead,
         command=study.command,
         remarks=[remark for outcome in outcomes for remark in outcome.remarks],
         numbers=page.table(COLUMNS, cells, words, [number for number, row in enumerate(rows)

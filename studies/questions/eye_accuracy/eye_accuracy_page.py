@@ -21,7 +21,6 @@ from pipeline.studies.question_page import WORDS, StudyPage, drawn, link_to, tab
 from pipeline.web.embedded import data_url
 from studies.questions.eye_accuracy._words import EYE_RUNS, covered_at
 
-HERE = Path(__file__).parent
 PICTURES, TABLES = ("accuracy_eye",), ("eye_runs", "eye_errors")
 ON_THE_WAY = 4.0    # s, at which runs are set beside the finest one: oil still moves
 AT_REST, WAY = COLORS[0], COLORS[1]
@@ -127,8 +126,8 @@ def write_page(description: str, outcomes: Sequence[Outcome], target: Path) -> l
     write_text(target / "eye_errors.csv", csv_of(COLUMNS, [(
         size.scene, f"{1e-3 * size.spacing:.6g}", len(size.rest), f"{size.minutes:.4g}",
         *(f"{number:.4g}" for number in (size.rest.mean(), size.rest.min(), size.rest.max()))) for size in sizes]))
-    return [page.rendered(
-        HERE / "eye_accuracy_page.html", description=description, picture=data_url(picture, "image/png"),
+    return [page.filled(
+        __file__, description=description, picture=data_url(picture, "image/png"),
         sentences=[sentence(size, moment) for size in sizes], points=WORDS["points"],
         method=link_to("methods/equilibrium.md"),
         remarks=[remark for outcome in outcomes for remark in outcome.remarks],
