@@ -43,7 +43,7 @@ class PlainProgress:
 
 
 @contextlib.contextmanager
-def progress(total: float, label: str, *, unit: str = "frame", stream=None) -> Iterator[PlainProgress | tqdm]:
+def progress(total: float, label: str, *, unit: str = "frame") -> Iterator[PlainProgress | tqdm]:
     """Open a progress display for ``total`` units of work on standard error.
 
     Examples
@@ -52,9 +52,8 @@ def progress(total: float, label: str, *, unit: str = "frame", stream=None) -> I
     ...     bar.update(1)
     ...     bar.set_postfix_str("dt 0.5 ms")
     """
-    stream = stream if stream is not None else sys.stderr
-    if stream.isatty():
-        with tqdm(total=total, desc=label, unit=unit, file=stream, dynamic_ncols=True) as bar:
+    if sys.stderr.isatty():
+        with tqdm(total=total, desc=label, unit=unit, dynamic_ncols=True) as bar:
             yield bar
     else:
-        yield PlainProgress(total, label, unit=unit, stream=stream)
+        yield PlainProgress(total, label, unit=unit)

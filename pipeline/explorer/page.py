@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from PIL import ImageColor
 
@@ -59,15 +58,14 @@ def page_of(folder: Path = FOLDER) -> str:
     known = known_of(folder)
     values = json.dumps(known, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
     code = "\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS)
-    body = Environment(autoescape=True, trim_blocks=True).from_string(
-        (HERE / "explorer.html").read_text(encoding="utf-8")).render(
-        tamponades=known["tamponades"], eyes=[one["name"] for one in known["eyes"]], views=EYE_VIEWS, parts=PARTS,
-        fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}", wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL,
-        tear=f"rgb{BREAK_COLOR}")
+    body = page.rendered(
+        HERE / "explorer.html", tamponades=known["tamponades"], eyes=[one["name"] for one in known["eyes"]],
+        views=EYE_VIEWS, parts=PARTS, fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}",
+        wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL, tear=f"rgb{BREAK_COLOR}")
     text = page.page(TITLE, [
         page.paragraph("Oil or gas at rest in an average eye with its own lens. Move the fill, the head and the break.",
                        page.bold(NO_ADVICE)),
-        Markup(body), library("three.min.js"), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
+        body, library("three.min.js"), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
         page.details("What this rests on", page.bullets(_assumed(known)), page.section("How far the tables are off"),
                      *Errors.read(folder).parts(), page.section("What was validated, and what was not"),
                      page.bullets(CHECKED)),

@@ -89,14 +89,14 @@ class Opening:
         """Angle around the optic axis, from x to y, of the middle of the half that stays, rad."""
         return float(np.arctan2(-self.toward[1], -self.toward[0]))
 
-    def face(self, name: str, level: np.ndarray, lifted: float = 0.0) -> Part | None:
+    def face(self, name: str, level: np.ndarray) -> Part | None:
         """The part of the plane (n,) where a level of its points is negative; None if that is nowhere."""
         plane = self.plane.copy(deep=False)
         plane.point_data["level"] = level
         found = plane.clip_scalar(scalars="level", value=0.0, invert=True).triangulate()
         if not found.n_cells:
             return None
-        points = np.asarray(found.points, float) + lifted * self.toward
+        points = np.asarray(found.points, float)
         return Part(name, points, found.regular_faces, np.tile(self.toward, (len(points), 1)))
 
     def kept(self, mesh):

@@ -39,11 +39,11 @@ BOX_VIEWS = (("from the front", (0.0, 0.0)), ("from the side", (1.5708, 0.0)), (
 BOX_VIEW, BOX_AXES = (0.5, 0.3), {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-def view_within(run: RunFolder, most: int = MOST_BYTES) -> dict[str, Any]:
-    """Return what the viewer shows, of so many frames that its data has that many bytes at most."""
+def view_within(run: RunFolder) -> dict[str, Any]:
+    """Return what the viewer shows, of so many frames that its data has ``MOST_BYTES`` at most."""
     for count in FRAMES:
         view = turning_view(run, count)
-        if len(view["data"]) <= most:
+        if len(view["data"]) <= MOST_BYTES:
             break
     return view
 

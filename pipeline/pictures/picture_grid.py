@@ -12,9 +12,9 @@ LETTERS = 13            # pixels, of titles and captions
 GAP = 8                 # pixels between pictures
 
 
-def panels(rows: int, columns: int, size: tuple[float, float], margin: tuple[float, float] = (0.0, 0.0)):
-    """Return a canvas and its axes, (rows, columns); panels of a size and the margin around all of them in inches."""
-    canvas = empty_figure((size[0] * columns + margin[0], size[1] * rows + margin[1]))
+def panels(rows: int, columns: int, size: tuple[float, float]):
+    """Return a canvas and its axes, (rows, columns); panels of a size in inches."""
+    canvas = empty_figure((size[0] * columns, size[1] * rows))
     return canvas, canvas.subplots(rows, columns, squeeze=False)
 
 

@@ -95,14 +95,14 @@ class Sequence:
         return covered / held, longest
 
 
-def sequence_of(path: Path, accuracy: str = "draft") -> Sequence:
+def sequence_of(path: Path) -> Sequence:
     """Let the oil of a scene come to rest in every posture that it holds.
 
     Raises
     ------
     UserError : the scene has errors, no eye, no two liquids with a tension and an angle, or a fill that has no shape.
     """
-    scene = load_scene(path, accuracy)
+    scene = load_scene(path, "draft")  # at rest all levels are alike
     oil, fill, liquids = _oil_of(scene, path)
     postures = _held(scene, path)
     resting = Resting.of(scene.eye)

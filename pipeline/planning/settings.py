@@ -1,7 +1,6 @@
 """What a plan assumes: ``config/plan.yaml``, with its liquids and the postures that there are."""
 import dataclasses
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -34,18 +33,18 @@ class Settings:
     confirming_scene: str = parameter(meaning="scene that a confirming one starts from")
 
 
-def load_settings(config: Path = PROJECT_CONFIG) -> tuple[Settings, dict[str, Material]]:
+def load_settings() -> tuple[Settings, dict[str, Material]]:
     """Return the settings, and all liquids by name.
 
     Raises
     ------
     UserError : with one sentence for every error of the files.
     """
-    path = config / "plan.yaml"
+    path = PROJECT_CONFIG / "plan.yaml"
     errors = Errors(path)
     settings = Reader(errors).record(Settings, read_yaml(path), ())
     errors.raise_any()
-    materials = load_materials(config / "materials.yaml")
+    materials = load_materials(PROJECT_CONFIG / "materials.yaml")
     for name in (settings.other_liquid, *settings.oils):
         if name not in materials:
             raise UserError(f"{path}: {name} is no liquid of materials.yaml{nearest(name, materials)}")
