@@ -3,13 +3,12 @@
 The numbers are estimates of an order of magnitude: one length and one speed stand for the whole scene. Advice is no
 error: the stage ends with exit code 0 for every scene that can be read, whatever is advised.
 """
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.advice.report import html_of, json_of, report_of, text_of
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.initial_state import load_initial
@@ -23,8 +22,7 @@ FORMATS = {"text": text_of, "html": html_of, "json": json_of}
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.advise", description=__doc__, epilog=f"{OFF}.",
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("advise", __doc__, epilog=f"{OFF}.")
     parser.add_argument("scene", type=scene_file, help="scene, by its name or file, or a resolved scene (.json)")
     parser.add_argument("--accuracy", help="accuracy level of a scene file (default: `accuracy` of config.yaml)")
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")

@@ -3,7 +3,6 @@
 A body is what one outer surface encloses; what lies in a hollow of it is taken off. In a mixture the surface is where
 the liquid outweighs every other. Droplets below the particle spacing are no bodies: they are a volume fraction.
 """
-import argparse
 import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.base.canvas import empty_figure
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.palette import curve_style
@@ -204,9 +203,8 @@ def write_plot(path: Path, rows: Sequence[dict[str, Any]], scene: Scene) -> None
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.bodies scene.json SURFACES_DIR... --output bodies.csv``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pipeline.bodies", formatter_class=argparse.RawDescriptionHelpFormatter,
-        description=f"{__doc__}\ncolumns of the table:\n" + "\n".join(f"  {c}: {m}" for c, m in COLUMNS.items()))
+    parser = stage_parser("bodies", f"{__doc__}\ncolumns of the table:\n" + "\n".join(
+        f"  {column}: {meaning}" for column, meaning in COLUMNS.items()))
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("folders", type=Path, nargs="+", metavar="SURFACES_DIR", help="folders of surfaces")
     parser.add_argument("--output", required=True, type=Path, metavar="FILE.csv", help="table to write")

@@ -6,7 +6,6 @@ writes outputs/tamponade/compare_draft_standard.html (one page), .png (the last 
 time) and .csv (cost, and every metric that all have). All levels must have been run and drawn. What the oil covers
 stands beside the shape of least energy, where the scene has one.
 """
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,8 +20,7 @@ from pipeline.runs.run_folder import RunFolder
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.compare", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = cli.stage_parser("compare", __doc__)
     p.add_argument("folders", nargs="+", type=Path, metavar="FOLDER",
                    help="results of a level, outputs/<scene>/<level>; two or more")
     p.add_argument("--output", type=Path, metavar="NAME",

@@ -3,7 +3,6 @@
 The prediction is that of `pipeline.estimate`; what a stage took it has written itself, beside its log. Where the
 computer did other things as well, the clock ran longer: compare the time of all cores then.
 """
-import argparse
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -84,8 +83,7 @@ def page_of(scene: Scene, found: Sequence[ExpectedError], lines: Sequence[tuple[
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.cost", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = cli.stage_parser("cost", __doc__)
     p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     p.add_argument("initial", type=Path, metavar="initial.npz", help="arrays of the voxelize stage")
     p.add_argument("metrics", type=Path, help="metrics of the run (metrics.csv)")

@@ -5,10 +5,9 @@
 It names scene, code, computer, the jobs with their times, and the SHA-256 of every result, after the profile Provenance
 Run Crate 0.5. Beside it the folder `workflow` gets the rules by which the run was made.
 """
-import argparse
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.provenance.crate import WORKFLOW, copied_rules, crate_of
 from pipeline.runs.contents import CRATE
@@ -17,8 +16,7 @@ from pipeline.runs.run_folder import RunFolder
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.crate", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("crate", __doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER",
                         help="results of a level, outputs/<scene>/<level>; to be called where the scene was run, since "
                              "Snakemake's notes are there")

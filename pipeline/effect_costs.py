@@ -3,12 +3,11 @@
 Memory and kernels are those of one process; launches and times are added up over all segments. The time of the first
 two steps of every segment, in which kernels are compiled, is left out.
 """
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base import page
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import write_text
 from pipeline.base.tables import csv_of
 from pipeline.scenes.load import load_resolved
@@ -68,9 +67,7 @@ def page_of(scene: Scene, rows: Sequence[dict], segments: Sequence[dict], path: 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line: ``python -m pipeline.effect_costs scene.json COSTS.json... --page FILE.html --table FILE.csv``."""
     columns = "\n".join(f"  {name:18} {meaning}" for name, meaning in COLUMNS.items() if meaning)
-    parser = argparse.ArgumentParser(prog="python -m pipeline.effect_costs", description=__doc__,
-                                     epilog=f"columns of the table:\n{columns}",
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("effect_costs", __doc__, epilog=f"columns of the table:\n{columns}")
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("costs", type=Path, nargs="+", metavar="COSTS.json", help="what its segments have cost")
     parser.add_argument("--page", type=Path, required=True, metavar="FILE.html", help="page to write")

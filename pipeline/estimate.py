@@ -7,7 +7,6 @@ A few steps of the very scene are taken in each of its phases, and a few frames 
 seconds to three minutes for every level, once; outputs/measurements keeps what was measured until the code, the
 computer or the scene changes. Times are of this computer with nothing else running.
 """
-import argparse
 import dataclasses
 import json
 import sys
@@ -15,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base import page
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.base.threads import checked_threads
@@ -119,8 +118,7 @@ def as_run(scene: Scene, cores: int, device: str) -> Scene:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.estimate", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = stage_parser("estimate", __doc__)
     p.add_argument("scene", type=scene_file, help="scene, by its name or file, or a resolved scene (.json)")
     p.add_argument("--accuracy", metavar="LEVEL", help="accuracy level, or all (default: that of config.yaml)")
     p.add_argument("--made", type=Path, nargs=2, metavar=("EYE.vtp", "INITIAL.npz"),

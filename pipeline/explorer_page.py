@@ -4,11 +4,10 @@
 
 The page holds the tables of ``config/oil_at_rest/explorer`` and asks no network for anything.
 """
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import write_text
 from pipeline.explorer.page import page_of
 from pipeline.explorer.table import FOLDER
@@ -16,8 +15,7 @@ from pipeline.explorer.table import FOLDER
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.explorer_page", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("explorer_page", __doc__)
     parser.add_argument("--tables", type=Path, default=FOLDER, help=f"folder of the tables (default: {FOLDER})")
     parser.add_argument("--output", type=Path, default=Path("outputs/explorer.html"),
                         help="page to write (default: %(default)s)")

@@ -5,11 +5,10 @@
 
 A direction that was finished is kept, so that the same command goes on where it was stopped.
 """
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.progress import progress
 from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
@@ -20,8 +19,7 @@ from pipeline.explorer.table import FOLDER, directions, make, path_of
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.explorer_tables", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("explorer_tables", __doc__)
     parser.add_argument("--output", type=Path, default=FOLDER, help=f"folder of the tables (default: {FOLDER})")
     parser.add_argument("--cache", type=Path, default=Path("outputs/explorer/directions"),
                         help="folder of directions made before (default: %(default)s)")

@@ -4,7 +4,6 @@
     python -m pipeline.export outputs/tamponade/draft --frame 20 --format stl --unit mm
     python -m pipeline.export outputs/tamponade/draft --format usd                  the whole run as one USD file
 """
-import argparse
 from pathlib import Path
 
 from pipeline.base import cli
@@ -53,8 +52,7 @@ def what_is_missing(run: RunFolder, frames: list[SavedFrame]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.export", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = cli.stage_parser("export", __doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="results of a level: outputs/<scene>/<level>")
     parser.add_argument("--frame", type=int, metavar="N",
                         help="number of the frame (default: the last); usd and usdz hold all frames")

@@ -5,14 +5,13 @@
 This takes about as long as the simulation at draft, so it runs on request only, and says how long when it starts. One
 that was stopped goes on after the last picture that it has drawn.
 """
-import argparse
 import itertools
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
 from pipeline.base.frame_files import find_frames, read_frame
@@ -95,8 +94,7 @@ def _draw(paths: list[Path], illustrator: Illustrator, surfaces: Path, folder: P
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.illustrate", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("illustrate", __doc__)
     add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="folder of pictures to write")
     parser.add_argument("--last", type=Path, metavar="FRAMES_DIR",

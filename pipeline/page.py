@@ -4,7 +4,6 @@
 
 The page holds all that it shows, in 10 MB at most, and asks no network for anything. Links lead to the pages beside it.
 """
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,8 +35,7 @@ def refuse_incomplete(run: RunFolder) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.page", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = cli.stage_parser("page", __doc__)
     p.add_argument("folder", type=Path, metavar="FOLDER", help="results of a run: outputs/<scene>/<level>")
     p.add_argument("--source", type=Path, metavar="SCENE.yaml",
                    help="file of the scene (default: that of its name)")

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.planning.confirm import BREAK, confirmation
@@ -92,8 +92,7 @@ def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m pipeline.plan", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("plan", __doc__)
     parser.add_argument("--break", dest="place", metavar="HOUR,ANGLE",
                         help="middle of the break: clock hour and angle from the posterior pole, such as 6h,60deg")
     parser.add_argument("--size", default="1h", metavar="WIDTH,HEIGHT",

@@ -1,9 +1,8 @@
 """Stage: a scene file in YAML becomes a resolved scene in SI units with every default filled in."""
-import argparse
 import sys
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import write_text
 from pipeline.cavity.surface import cavity_volume
 from pipeline.scenes.checks import doubts
@@ -28,7 +27,7 @@ def _write(text: str, output: Path | None) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.scene", description=__doc__, epilog=f"{OFF}.")
+    parser = stage_parser("scene", __doc__, epilog=f"{OFF}.")
     parser.add_argument("scene", type=scene_file, nargs="?", help="scene, by its name or file")
     parser.add_argument("--accuracy", help="accuracy level (default: `accuracy` of config.yaml)")
     parser.add_argument("--config-dir", type=Path, help="folder of materials.yaml and accuracy.yaml (default: config)")

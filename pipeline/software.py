@@ -2,7 +2,6 @@
 
     python -m pipeline.software --output outputs/software.html --output outputs/software.csv
 """
-import argparse
 import platform
 import sys
 from collections import Counter
@@ -10,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.base import page
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import write_text
 from pipeline.base.packages import Package, packages
 from pipeline.base.tables import csv_of
@@ -21,8 +20,7 @@ HEADS = ("name", "version", "license")
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.software", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("software", __doc__)
     parser.add_argument("--output", type=Path, action="append", default=[],
                         help="file to write: a page if it ends in .html, else a table; several are allowed (default: a "
                              "table on standard output)")

@@ -3,12 +3,11 @@
 Drawn by Mitsuba 3, or by PyVista where that is not installed; the picture says which. The liquids are those of the
 simulation, the eye around them is a scheme (``pipeline.illustration``). Containers are drawn as bodies in a glass box.
 """
-import argparse
 from pathlib import Path
 
 from PIL import Image
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.frame_files import FrameData, frame_at
@@ -43,8 +42,7 @@ def draw(scene: Scene, eye: Path, frame: FrameData, surfaces: dict, style: Style
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.still",
-                                     description="Draw one frame as a labeled illustration of the opened eye.")
+    parser = stage_parser("still", "Draw one frame as a labeled illustration of the opened eye.")
     add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="still.png", help="picture to write")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to it (default: the last)")

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.origin import code, machine
@@ -55,8 +55,7 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
 
 def parser() -> argparse.ArgumentParser:
     """Command line of the stage."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.study", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = stage_parser("study", __doc__)
     p.add_argument("study", help=f"one of {', '.join(study_names())}")
     p.add_argument("--case", help="run this case only (default: all, then table and figures)")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")

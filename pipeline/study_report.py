@@ -4,10 +4,9 @@
 
 A case without a result is a row that does not hold, and a sentence that says why.
 """
-import argparse
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.studies.model import Outcome
 from pipeline.studies.plan import load_study
 from pipeline.studies.report import OUTPUTS, SO_FAR, outcomes_so_far, write_study
@@ -15,8 +14,7 @@ from pipeline.studies.report import OUTPUTS, SO_FAR, outcomes_so_far, write_stud
 
 def main() -> None:
     """Command line: ``python -m pipeline.study_report <study>``."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.study_report", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = stage_parser("study_report", __doc__)
     p.add_argument("study", help="name of the study")
     p.add_argument("--accuracy", default="draft", help="level of config/accuracy.yaml (default draft)")
     p.add_argument("--folder", type=Path, metavar="DIR",

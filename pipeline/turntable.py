@@ -2,13 +2,12 @@
 
     snakemake -j2 outputs/tamponade/draft/turntable.mp4
 """
-import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_at
 from pipeline.base.progress import progress
@@ -32,8 +31,7 @@ def swings(count: int) -> np.ndarray:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.turntable", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("turntable", __doc__)
     add_files(parser)
     parser.add_argument("--output", required=True, type=Path, metavar="turntable.mp4", help="movie to write")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to it (default: the last)")

@@ -9,10 +9,9 @@ run is compared with this code as well; --any-code leaves that out.
 
 Exit codes: 0 nothing differs, 1 something does, 2 there is nothing to compare.
 """
-import argparse
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.words import memory, printable
 from pipeline.provenance.differences import compare, counted
 from pipeline.provenance.places import place_of
@@ -24,8 +23,7 @@ LONGEST = 1000  # letters of a line
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.verify", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("verify", __doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER",
                         help="a run with its crate: outputs/<scene>/<level>, a copy of it, or a ZIP archive of that")
     parser.add_argument("--any-code", action="store_true",

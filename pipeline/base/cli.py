@@ -1,4 +1,5 @@
 """How every stage ends: with its result, or with one sentence per error and an exit code."""
+import argparse
 import errno
 import signal
 import sys
@@ -28,6 +29,12 @@ _REASONS = {
     errno.ENOTDIR: "a part of this path is a file, not a folder",
 }
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+
+
+def stage_parser(stage: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+    """Return the command line of `python -m pipeline.<stage>`; its help has the description as it is written."""
+    return argparse.ArgumentParser(prog=f"python -m pipeline.{stage}", description=description, epilog=epilog,
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def run(main: Callable[[], int | None]) -> NoReturn:

@@ -3,7 +3,6 @@
 With --rehearse a scene is run to its end instead: the estimate gives a coarser one, of which it asks only how large the
 steps are and how often the solves go round.
 """
-import argparse
 import dataclasses
 import json
 import time
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoint, write_frame
@@ -182,8 +181,7 @@ def rehearse(scene: Scene, initial: dict[str, np.ndarray], seconds: float) -> di
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line of the probe."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.forecast.probe", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = stage_parser("forecast.probe", __doc__)
     p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     p.add_argument("initial", type=Path, help="its particles (initial.npz)")
     p.add_argument("--phases", type=Path, metavar="FILE", help="phases to probe (JSON); without it the solver is only "
