@@ -19,7 +19,7 @@ This is an illustration of physics, not for decisions on a patient.
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from pipeline.base.files import write_text
 from pipeline.planning.confirm import BREAK, confirmation
 from pipeline.planning.plan import plan_fill, question_of
 from pipeline.planning.search import CACHE, write_map
-from pipeline.planning.sequence import Sequence as PostureSequence
 from pipeline.planning.sequence import html_of as sequence_page
 from pipeline.planning.sequence import sequence_of
 from pipeline.planning.sequence import text_of as sequence_text
@@ -54,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.sequence is not None:
         if options.place is not None or options.confirm is not None:
             parser.error("--sequence asks about the breaks of its scene; leave out --break and --confirm")
-        _write(options.output, sequence_of(options.sequence), sequence_text, sequence_page)
+        found = sequence_of(options.sequence)
+        _write(options.output, lambda: sequence_text(found), lambda: sequence_page(found))
         return
     if options.place is None:
         parser.error("name a break with --break, such as --break 6h,60deg")
@@ -64,10 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                      cache=options.cache, **given)
     if options.confirm is not None:
         write_text(options.confirm, plan.scene())  # unchanged it keeps its date, and what was made of it stays
-    if options.output is None:
-        sys.stdout.write(plan.text())
-    else:
-        write_text(options.output, plan.page() if options.output.suffix == ".html" else plan.text())
+    _write(options.output, plan.text, plan.page)
     if options.confirm is not None:
         print("\n".join(confirmation(options.confirm, plan.question, plan.answers[0])))
 
@@ -83,12 +80,12 @@ def _refuse_to_confirm_in(path: Path) -> None:
         raise UserError(f"--confirm is {path}, which is a scene that confirms no plan; choose another name")
 
 
-def _write(output: Path | None, sequence: PostureSequence, text, html) -> None:
-    """Write a sequence as text or, into a file that ends in .html, as a page."""
+def _write(output: Path | None, text: Callable[[], str], page: Callable[[], str]) -> None:
+    """Write words or, into a file that ends in .html, a page."""
     if output is None:
-        sys.stdout.write(text(sequence))
+        sys.stdout.write(text())
     else:
-        write_text(output, (html if output.suffix == ".html" else text)(sequence))
+        write_text(output, page() if output.suffix == ".html" else text())
 
 
 def _parser() -> argparse.ArgumentParser:
