@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.output.exists():
         raise UserError(f"{options.output}: is there already; remove it or name another folder with --output")
     if style.renderer == "mitsuba":
-        print(f"{scene.name}: all {scene.frame_count} pictures of the film take some "
+        print(f"{scene.name}: the {scene.frame_count} pictures of the film take about "
               f"{max(1, round(expected_minutes(scene, style)))} min; what is drawn is kept", flush=True)
     illustrate(scene, read_vtk(options.eye), options.frames, options.surfaces, options.output,
                options.last or options.frames, style, options.depends)

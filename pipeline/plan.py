@@ -10,7 +10,7 @@ Clock hours are those that an observer sees who faces the patient (chart of Amsl
 the patient's left. The angle is that from the posterior pole: macula 0, equator 90, ora serrata 115 degrees. A break is
 covered when the oil at rest touches all of it and a margin around it. A plan for the default eye is read from tables;
 for other eyes the shapes are computed, about 15 seconds for each oil and posture (the command says how long in
-all before it begins), and kept in outputs/plans. Answers are told oil by oil, the first posture first.
+all before it begins), and kept in outputs/plans. Answers come oil by oil, the first posture first.
 
 --sequence takes the postures of a scene over time, and tells what its oil covers at rest in each, without a simulation.
 

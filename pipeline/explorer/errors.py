@@ -105,6 +105,8 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
             continue
         resting = views[length].resting
         fine = resting.finer(shapes[0], kinds[name].liquids, down_of(pitch, roll), FINE)
+        if not fine.rest.settled:
+            continue
         pairs = zip(charts[length].shares(looked.margin), parts_of(resting.contact(fine)), strict=True)
         found.rows.append([*setting, *(f"{100 * value:.2f}" for pair in pairs for value in pair)])
         found.write(folder)

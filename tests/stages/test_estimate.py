@@ -563,7 +563,7 @@ def test_predicted_and_real_stand_side_by_side():
     assert [line[0] for line in real] == [*lines] and all(line[1] == line[3] == "" for line in real)
     page = cost.page_of(scene, errors, real, predicted=False)
     assert "predicted" not in page.partition("<table>")[2].partition("</table>")[0]
-    assert "outputs/still_eye/draft/estimate.html</code> asks for it" in page
+    assert "outputs/still_eye/draft/estimate.html</code> makes one" in page
     assert page.count("<td>") == 2 * len(real)
 
 

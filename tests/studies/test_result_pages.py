@@ -102,9 +102,9 @@ def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_wri
 
 
 def test_a_number_of_the_readme_has_its_uncertainty_before_its_unit():
-    layout = read_layout(Path("docs/results"))
+    layout = read_layout(ROOT / "docs" / "results")
     told = next(one for one in layout.headlines if one.uncertainty)
-    line = next(line for line in Path("README.md").read_text(encoding="utf-8").splitlines() if told.words in line)
+    line = next(line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if told.words in line)
     assert re.search(rf"\| \*\*\S+ ± {told.uncertainty} %\*\* \|", line)
 
 

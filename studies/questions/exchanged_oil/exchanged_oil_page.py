@@ -88,7 +88,7 @@ def answers(cannulas: Rows, exchanges: Rows) -> list[str]:
     words = [_times(what, [row for row in own if row["direction"] == direction])
              for what, direction in (("Removal", "out"), ("Filling", "in"))
              if any(row["direction"] == direction for row in own)]
-    words.append("Times are in proportion to the viscosity, and to one over the fourth power of the inner diameter.")
+    words.append("Times are proportional to the viscosity, and inversely to the fourth power of the inner diameter.")
     longer = [float(row["published [min]"]) / float(row["time [min]"]) for row in cannulas if row["oil"] == PUBLISHED]
     if longer:
         words.append(f"Surgeons took {min(longer):.1f} to {max(longer):.1f} times as long as is computed for their "
@@ -132,7 +132,7 @@ def _page(description: str, cannulas: Rows, exchanges: Rows, picture: bytes) -> 
         "are in", page.link("cannulas.csv", "cannulas.csv"), "and", page.link("exchanges.csv", "exchanges.csv") + ".")
     left = page.table(("", "tip", "capillary number", "left / % of the cavity", "largest piece / %", "pieces"), behind,
                       words=[1]) + page.paragraph(
-        "In a removal oil is left, in a filling aqueous. Removals of one tip differ in their flow alone; their "
+        "A removal leaves oil behind, a filling aqueous. Removals of one tip differ in their flow alone; their "
         "difference is what the flow leaves open.")
     return QuestionPage(
         description, answers(cannulas, exchanges), picture,

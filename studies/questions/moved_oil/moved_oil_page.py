@@ -194,7 +194,7 @@ def _each(movements: Movements, oils: Sequence[str], movement: str, quantity: st
 
 def _of_sitting_up(movements: Movements, stood: Sequence[str]) -> str:
     """How soon oils come to rest, by those that have made 80 % of their way when the simulation ends."""
-    said = f"After sitting up 80 % of the way to rest takes {_each(movements, stood, STANDING_UP, MOST, 's')}."
+    said = f"After sitting up, 80 % of the way to rest takes {_each(movements, stood, STANDING_UP, MOST, 's')}."
     late = [oil for oil in movements.light(STANDING_UP, HALF) if oil not in stood]
     if late:
         more = " and thicker ones" if len(late) > 1 else ""
@@ -208,7 +208,7 @@ def _of_saccades(movements: Movements, light: Sequence[str]) -> list[str]:
     jolt, turn = (max(movements.number(oil, movement, STRESS)[0] for oil in light) for movement in (JOLT, SACCADES))
     return [f"The mean drag of a saccade on the retina is {_each(movements, light, SACCADES, STRESS, 'Pa')}.",
             f"It moves the interface by {_each(movements, light, SACCADES, SHIFT, 'mm')}.",
-            f"A jolt drags with {jolt:.1f} Pa at most, {'less' if jolt < turn else 'more'} than a saccade."]
+            f"A jolt drags with at most {jolt:.1f} Pa, {'less' if jolt < turn else 'more'} than a saccade."]
 
 
 def anchors(movements: Movements) -> list[str]:

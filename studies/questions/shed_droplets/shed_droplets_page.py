@@ -77,9 +77,9 @@ def answers(shed: Rows, gathered: Rows) -> list[str]:
     thick = max(light, key=lambda row: -float(row[RATE]))
     return [f"Viscosity matters most, by the law assumed: {oil_words(thick['setting'])} sheds "
             f"{float(thick[RATE]) / float(base[RATE]):.2f} times the droplets of oil 1000.",
-            f"Then the tension: down to 15 mN/m by proteins, {most(TENSION)[1]:.1f} times as many.",
-            f"Little: the fill, {most(FILL)[0]:.2f} to {most(FILL)[1]:.2f} times; the size of saccades, "
-            f"{most(MOVEMENT)[0]:.2f} to {most(MOVEMENT)[1]:.2f} times.",
+            f"The tension comes next: lowered to 15 mN/m by proteins, {most(TENSION)[1]:.1f} times as many.",
+            f"The fill ({most(FILL)[0]:.2f} to {most(FILL)[1]:.2f} times) and the size of saccades ("
+            f"{most(MOVEMENT)[0]:.2f} to {most(MOVEMENT)[1]:.2f} times) matter little.",
             *(f"In the {row['posture'].replace('_', ' ')} patient droplets gather "
               f"{place_words(gathered, row['posture'])}." for row in gathered if not row["posture"].endswith("side"))]
 
