@@ -61,7 +61,8 @@ class Chart:
         for triangle, values in (((here[:-1], here[1:], after[1:]), (value[:-1], value[1:], next_value[1:])),
                                  ((here[:-1], after[1:], after[:-1]), (value[:-1], next_value[1:], next_value[:-1]))):
             size = 0.5 * np.linalg.norm(np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]), axis=-1)
-            area, covered = area + size, covered + size * _positive(values)
+            touched = positive_share(np.stack(values, axis=-1).reshape(-1, 3)).reshape(size.shape)
+            area, covered = area + size, covered + size * touched
         return area, covered
 
 
@@ -70,8 +71,3 @@ def wall_radius(cavity: StarCavity, latitudes: np.ndarray, meridians: np.ndarray
     around, down = np.meshgrid(meridians, latitudes)
     corners, weights = interpolation(cavity.wall, cavity.faces, direction(around.ravel(), down.ravel()))
     return np.linalg.norm((cavity.wall[corners] * weights[..., None]).sum(axis=1), axis=1).reshape(around.shape)
-
-
-def _positive(values: tuple[np.ndarray, ...]) -> np.ndarray:
-    corners = np.stack(values, axis=-1)
-    return positive_share(corners.reshape(-1, 3)).reshape(corners.shape[:-1])

@@ -126,7 +126,8 @@ class Illustrator:
         names.append(Name("Macula", np.array([0.0, 0.0, back])))
         if self.disc @ toward < 0.0:
             names.append(Name("Optic disc", self._on_wall(self.disc)))
-        lower = across if self._down(across) else -across
+        # Where the cut is level, lower is inferior or to the patient's right.
+        lower = across if across @ [0.3, 1.0, 0.0] < 0.0 else -across
         names.append(Name("Retina, choroid, sclera", self._on_wall(np.array([0.0, 0.0, -0.62]) + 0.78 * lower) * 1.04))
         if anatomy.segment is not None:
             names += [Name("Ciliary body", self._within(anatomy.ciliary, -lower)),
@@ -149,10 +150,6 @@ class Illustrator:
         """Place (3,), mm, on the cut that lies deepest in a part, on one side of the optic axis."""
         points = self.opening.points if side is None else self.opening.points[self.opening.points @ side > 0.0]
         return points[level(points).argmin()]
-
-    def _down(self, way: np.ndarray) -> bool:
-        """Whether a direction of the cut points down, or, where it is level, inferior or to the patient's right."""
-        return float(way @ [0.3, 1.0, 0.0]) < 0.0
 
     def _on_wall(self, way: np.ndarray) -> np.ndarray:
         """Place (3,), mm, of the wall in a direction from the center of the globe."""
