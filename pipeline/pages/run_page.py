@@ -39,7 +39,6 @@ from sim.backend.choice import library as library_of_kernels
 from sim.effects import REGISTRY
 from sim.liquid import GAS_DENSITY
 
-MOST_BYTES = 10 * 10**6  # of the whole page: it is sent by mail
 HERE = Path(__file__).parent
 POSTER_WIDTH = 800
 ILLUSTRATION = ("This illustrates the physics; it is no prediction for a patient: nothing was compared with clinical "
