@@ -158,7 +158,7 @@ def main(arguments: list[str] | None = None) -> None:
         method=scene.output.contour, smoothing_length=scene.output.smoothing_length,
         kernel=scene.output.kernel, free_surface=not scene.closed)
     wall = None
-    if options.eye and scene.eye is not None and scene.dimension == 3:
+    if options.eye and scene.eye is not None:
         wall = Wall(scene, initial, read_surface(options.eye))
         for path in frames_of(options.before):
             wall.follow(read_frame(path))

@@ -40,7 +40,7 @@ OTHERS = ((b"version https://git-lfs", "is a pointer of Git LFS in place of the 
           (b"%PDF", "is a PDF: export the surface itself"),
           *((start, "is a picture: export the surface itself") for start in (
               b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"II*\0", b"MM\0*")),
-          *((start, "is a shortcut of Windows: copy the file that it leads to") for start in (
+          *((start, "is a Windows shortcut: copy the file that it points to") for start in (
               b"L\0\0\0\1\x14\2", b"[InternetShortcut]")),
           (b"glTF", "is a glTF file: export the surface as STL, OBJ or PLY"),
           (b"Kaydara FBX", "is an FBX file: export the surface as STL, OBJ or PLY"),
@@ -151,8 +151,8 @@ def _read_stl(path: Path) -> MeshFile:
                  for word in corner]
         return MeshFile(*_joined(_numbers(words).reshape(-1, 3, 3)))
     if re.fullmatch(rb"[\t\r\n -~]*", data[:HEAD]):
-        raise UserError(f"{path} (eye.path): is a text, but no STL: export the surface as STL, or name the file as "
-                        "what it is")
+        raise UserError(f"{path} (eye.path): is a text file, but no STL: export the surface as STL, or give the "
+                        "file the ending of its format")
     size, kind = len(data), large_stl.TRIANGLE
     if size < large_stl.HEAD:
         raise UserError(f"{path} (eye.path): is cut short (a binary STL has a head of 84 bytes), export or copy it "

@@ -42,10 +42,8 @@ def voxelize(scene: Scene, mesh: "trimesh.Trimesh", source: str = "scene", shift
 
     Raises
     ------
-    UserError : not in 3D, the cavity is too small for the spacing, or a cannula or drain lies outside it.
+    UserError : the cavity is too small for the spacing, or a cannula or drain lies outside it.
     """
-    if scene.dimension != 3:
-        raise UserError(f"{source}: dimension: is {scene.dimension}, but an eye is filled in 3 dimensions only")
     numerics, spacing = scene.numerics, scene.numerics.particle_spacing
     margin = (max(numerics.wall_layers, 3) + 1.5) * spacing
     too_many = too_large(scene.settings(), float(mesh.volume), float(np.prod(mesh.extents + 2.0 * margin)))

@@ -127,13 +127,10 @@ class WallContact:
 
     def contact_arc_band(self) -> float:
         """Return the arc of the sagittal plane within one particle spacing of the contact line, in degrees."""
-        plane, touched = self.position, self.near_line
-        if self.position.shape[1] == 3:
-            near = np.abs(self.position[:, 0]) < self.particle_spacing
-            plane, touched = self.position[near][:, 1:], touched[near]
-        if not len(plane):
+        near = np.abs(self.position[:, 0]) < self.particle_spacing
+        if not near.any():
             return np.nan
-        angle = np.arctan2(plane[:, 0], plane[:, 1])
+        touched, angle = self.near_line[near], np.arctan2(*self.position[near, 1:].T)
         order = np.argsort(angle)
         # A point stands for the half of the gap on either side.
         gap = np.diff(angle[order], append=angle[order[0]] + 2 * np.pi)
@@ -141,9 +138,7 @@ class WallContact:
         return float(np.degrees(np.clip(width @ touched[order], 0.0, 2 * np.pi)))
 
     def retina_masks(self) -> dict[str, np.ndarray]:
-        """Return the wall points of the retina and its parts, name -> (m,) bool; all empty in 2D."""
-        if self.position.shape[1] == 2:
-            return dict.fromkeys(("whole", "superior", "inferior", "macula"), np.zeros(len(self.position), bool))
+        """Return the wall points of the retina and its parts, name -> (m,) bool."""
         return retina_parts(self.position)
 
     def quadrant_masks(self, right_eye: bool = True) -> dict[str, np.ndarray]:

@@ -95,12 +95,12 @@ def droplets_of(scene: Scene) -> int | None:
 
 
 def knows_films(scene: Scene) -> bool:
-    """Whether theory tells where oil lies on films of aqueous: in an eye in space, where aqueous wets the wall.
+    """Whether theory tells where oil lies on films of aqueous: in an eye, where aqueous wets the wall.
 
     Two liquids are kept apart by a tension, and gravity acts.
     """
     angle = contact_angle_of(scene)
-    return (scene.container is None and scene.dimension == 3 and len(scene.liquids) == 2 and not does(scene, MIXES)
+    return (scene.container is None and len(scene.liquids) == 2 and not does(scene, MIXES)
             and all(liquid.dynamic_viscosity > 0.0 for liquid in scene.liquids)
             and sum_of_effects(scene, "tension_of") > 0.0 and sum_of_effects(scene, "weight_of") > 0.0
             and angle is not None and 0.0 < angle < 0.5 * np.pi)

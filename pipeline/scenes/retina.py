@@ -101,8 +101,7 @@ class Patch:
         rows = ("superior" if np.cos(np.radians(self.meridian)) > 0.3 else
                 "inferior" if np.cos(np.radians(self.meridian)) < -0.3 else "")
         left = np.sin(np.radians(self.meridian))
-        nasal = left > 0.0 if side == "right" else left < 0.0
-        columns = ("nasal" if nasal else "temporal") if abs(left) > 0.3 else ""
+        columns = side_word(left > 0.0, side == "right") if abs(left) > 0.3 else ""
         place = " ".join(word for word in (rows, columns) if word)
         return (f"{clock} o'clock ({place}), {self.latitude:.3g} degrees from the posterior pole, "
                 f"{self.width / HOUR:.3g} h of the clock wide and {self.height:.3g} degrees high")

@@ -87,7 +87,7 @@ def test_snakemake_repeats_the_sentence_at_the_end(project):
     project.write_scene("broken", "extends: tiny\neye: {model: mesh, path: eye.stl}\n")
     code, output = project.snakemake("outputs/broken/draft/eye.vtp")
     assert code == 1 and "Traceback" not in output
-    sentence = "error: config/scenes/eye.stl (eye.path): is a text, but no STL"
+    sentence = "error: config/scenes/eye.stl (eye.path): is a text file, but no STL"
     assert output.count(sentence) == 2 and output.rfind(sentence) > output.rfind("Error in rule eye")
 
 

@@ -192,7 +192,7 @@ def test_shapes_that_are_no_cavity_are_refused(eye, tmp_path):
 
 @pytest.mark.parametrize("name, content, sentence", [
     ("eye.step", "", 'format ".step" is not known'),
-    ("eye.stl", "hello", "is a text, but no STL"),
+    ("eye.stl", "hello", "is a text file, but no STL"),
     ("eye.stl", "solid eye\nfacet normal", "is cut short"),
     ("eye.ply", "ply\n", "cannot be read as PLY"),
     thorough("eye.vtp", "hello", "cannot be read as VTP .it is damaged or of another format"),
