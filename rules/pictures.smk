@@ -106,7 +106,7 @@ rule illustrate:
         "{wildcards.scene} at {wildcards.level}: illustrate segment {wildcards.segment}"
     shell:
         "python -m pipeline.illustrate {input.scene} {input.eye} {input.frames} {input.surfaces} --last {input.last}"
-        " --output {output} --threads {threads} --depends {params.depends} 2>&1 | tee {log}"
+        " --output {output} --threads {threads} --depends {params.depends:q} 2>&1 | tee {log}"
 
 
 rule film:

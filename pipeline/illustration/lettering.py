@@ -13,6 +13,7 @@ HEAD = 0.44                     # of the width: where the title ends, before the
 LINE = 4.4                      # percent of the height, of a second line of the title
 LOWEST, HIGHEST = 0.78, 0.13    # of the height, between which names stand
 APART, PAIR = 0.062, 0.098      # of the height: from a name to the next, from one with a second line
+NOTES = 0.72                    # of the width: what is below leaves the corners to the pace of a film
 SCALE = 5.0                     # mm
 
 
@@ -62,9 +63,9 @@ def lettered(picture: Image.Image, view: View, names: Sequence[Name], *, legend:
     end, base = size[0] - 4.0 * u, size[1] - 8.2 * u
     draw.rectangle([end - SCALE * per_mm, base, end, base + 0.5 * u], fill=INK)
     write(draw, (end - 0.5 * SCALE * per_mm, base - 0.8 * u), f"{SCALE:g} mm", 2.4 * u, anchor="md")
-    for row, note in enumerate(reversed(notes)):
-        write(draw, (0.5 * size[0], size[1] - (1.4 + 2.8 * row) * u), note, 2.0 * u, color=FAINT_INK, anchor="md",
-              width=0.8 * size[0])
+    below = in_lines(" ".join(notes), lambda text: font(int(2.0 * u)).getlength(text) <= NOTES * size[0])
+    for row, line in enumerate(reversed(below)):
+        write(draw, (0.5 * size[0], size[1] - (1.4 + 2.8 * row) * u), line, 2.0 * u, color=FAINT_INK, anchor="md")
     return reduce(canvas)
 
 
@@ -75,6 +76,17 @@ def in_two_lines(text: str, fits: Callable[[str], bool]) -> list[str]:
     words = text.split(" ")
     return min(([" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))),
                key=lambda lines: max(map(len, lines)))
+
+
+def in_lines(text: str, fits: Callable[[str], bool]) -> list[str]:
+    """A text parted at spaces, each line as long as fits."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and fits(f"{lines[-1]} {word}"):
+            lines[-1] += f" {word}"
+        else:
+            lines.append(word)
+    return lines
 
 
 def _column(draw: ImageDraw.ImageDraw, size: tuple[int, int], column: list, left: bool, highest: float) -> None:

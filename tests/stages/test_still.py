@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline import illustrate, still, turntable
+from pipeline import illustrate, movie, still, turntable
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture
@@ -16,7 +16,7 @@ from pipeline.illustration.anatomy import MM, anatomy_of, in_meridian, in_mm, po
 from pipeline.illustration.fundus import SIZE, fundus_texture
 from pipeline.illustration.geometry import Liquids, Opening, fundus_places, liquids_of, parts_of_eye
 from pipeline.illustration.illustrator import Illustrator
-from pipeline.illustration.lettering import in_two_lines, spread
+from pipeline.illustration.lettering import in_two_lines, lettered, spread
 from pipeline.illustration.style import Style, chosen_renderer
 from pipeline.illustration.view import view_of
 from pipeline.pictures.anterior_segment import ANGLE, anterior_segment
@@ -381,6 +381,19 @@ def test_the_interface_is_named_where_it_is_away_from_the_wall(eye):
     illustrator = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL))
     assert [words for _, words in illustrator._legend(found)] == ["Silicone oil 1000", "Aqueous",
                                                                   "Interface between them"]
+
+
+@pytest.mark.parametrize("pace", ["1.2 × real time", "3.14 weeks per second"])
+def test_the_pace_of_a_film_covers_no_words(pace):
+    notes = ["Shapes of the liquids: simulated. Around them: " + 9 * "the simulated cavity ", "Oil is drawn. " * 5]
+    blank = Image.new("RGB", (960, 540), "white")
+    before = lettered(blank, view_of(frame().gravity, True, np.zeros(3)), [], legend=[], title="", time="", label="",
+                      posture="", notes=notes)
+    after = before.copy()
+    movie.write_into_corner(after, pace)
+    before, after = np.asarray(before), np.asarray(after)
+    assert before[500:].min() < 200 and after[500:].min() < 200
+    assert (before[(before != after).any(axis=2)] == 255).all()
 
 
 def test_a_long_title_stands_in_two_lines_of_about_one_length():

@@ -13,6 +13,7 @@ import time
 import types
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from conftest import ROOT, Project
@@ -54,6 +55,25 @@ def test_any_scene_is_reached_by_its_output(project):
     plan = planned(output)
     assert plan["simulate"] == plan["reconstruct"] == plan["render"] == scene.segment_count
     assert plan["total"] == 4 + 3 * scene.segment_count
+
+
+def test_a_shell_understands_the_command_of_every_rule(project):
+    # What a parameter holds may have brackets, quotes and spaces.
+    project.write_scene("until", "extends: tiny\noutput: {until_rest: true}\n")
+    on_request = [f"outputs/tiny/draft/{name}" for name in (
+        "film.mp4", "turntable.mp4", "bodies.csv", "estimate.html", "frames/frames.pvd")]
+    code, output = project.snakemake(
+        "-n", "-p", "all", "explorer", "outputs/tiny/compare_draft_standard.html", "outputs/until/draft/movie.mp4",
+        "outputs/studies/collision_study/draft/table.html", *on_request, "--config", "scenes=[tiny]")
+    assert code == 0, output
+    blocks = [block for path in (project.folder / "rules").glob("*.smk") for block in path.read_text().split("\n\n\n")]
+    rules = {name for block in blocks if "\n    shell:" in block
+             for name in re.findall(r"^(?:rule|checkpoint) (\w+):", block, re.MULTILINE)}
+    assert len(rules) > 15 and rules <= planned(output).keys()
+    commands = "\n".join(re.findall(r"^Shell command: (.*)", output, re.MULTILINE))
+    assert commands.count("python -m pipeline.") > len(rules)
+    done = subprocess.run(["bash", "-n"], input=commands, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_scene_can_start_from_the_end_of_another(project):
@@ -391,6 +411,18 @@ def test_copy_without_dates_has_nothing_to_do(finished, can_draw, tmp_path):
     (copy.outputs("tiny") / "frames" / "segment_000" / ".snakemake_timestamp").touch()
     code, output = copy.snakemake("-n", *targets(can_draw))
     assert planned(output)["reconstruct"] == 2, output  # the second segment reads where oil came over the wall before
+
+
+@pytest.mark.thorough
+def test_a_film_is_made_on_request(finished, opengl):
+    film = finished.outputs("tiny") / "film.mp4"
+    code, output = finished.snakemake(f"outputs/tiny/draft/{film.name}", f"outputs/tiny/draft/{CRATE}")
+    assert code == 0, output
+    reader = imageio_ffmpeg.read_frames(film)
+    about = next(reader)
+    reader.close()
+    assert about["source_size"] == (960, 540) and about["fps"] <= 24.0 and about["duration"] > 1.0
+    assert len(list(film.parent.glob("illustrations/segment_*/frame_*.png"))) == 5
 
 
 @pytest.mark.thorough
