@@ -23,6 +23,9 @@ _ANGLES = {"degree", "radian", "turn", "arcminute", "arcsecond"}
 _USUAL = {"": ("%",), "rad": ("deg", "rad"), "m": ("mm", "um", "cm"), "m**3": ("mL", "uL"),
           "m**3/s": ("mL/s", "mL/min"), "m/s": ("mm/s",), "s": ("ms", "min"), "N/m": ("mN/m", "dyn/cm"),
           "Pa*s": ("mPa s", "cP", "cSt"), "kg/m**3": ("g/mL", "kg/m3")}
+# What else they are called.
+_SPOKEN = {"%": ("percent", "vol%"), "deg": ("degrees", "grad"), "mm": ("millimeters",),
+           "um": ("micrometers", "microns"), "mL": ("milliliters",), "ms": ("milliseconds",), "min": ("minutes",)}
 # Signs that word processors and keyboards give in place of those of ASCII.
 _SIGNS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2010": "-", "\u00ba": "\u00b0", "\u22c5": "\u00b7",
                         "\u2219": "\u00b7", "\u2022": "\u00b7"})
@@ -128,9 +131,9 @@ def _plain(text: str) -> str:
 
 def _nearest_unit(text: str, unit: str) -> str:
     """The usual unit that is most like what was written, as a question, or nothing."""
-    usual = {one.lower(): one for one in _USUAL.get(unit, ())}
-    matches = difflib.get_close_matches(text.lower(), usual, n=1)
-    return f" (did you mean {usual[matches[0]]}?)" if matches else ""
+    meant = {name.lower(): one for one in _USUAL.get(unit, ()) for name in (one, *_SPOKEN.get(one, ()))}
+    matches = difflib.get_close_matches(text.lower(), meant, n=1)
+    return f" (did you mean {meant[matches[0]]}?)" if matches else ""
 
 
 def _convert(number: float, text: str, unit: str, value: object) -> float:

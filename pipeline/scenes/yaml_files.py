@@ -183,6 +183,8 @@ def _merge(base: Any, change: Any, key: Key, file: Path, errors: Errors) -> Any:
             merged[name] = _merge(merged.get(name), value, (*key, name), file, errors)
         elif name in merged:
             del merged[name]
+        elif re.match(r"\d", str(name)):  # {contact_angle: 18,2 deg} is two entries to YAML
+            errors.add((*key, name), "is no key, and a comma ends the entry before it (did you mean a decimal point?)")
         else:
             errors.add((*key, name), "is empty, which removes what is inherited, but nothing is inherited; "
                                      "write {} for an entry that has only defaults")
