@@ -178,7 +178,7 @@ class Illustrator:
     def _notes(self, liquids: Liquids) -> list[str]:
         scene, notes = self.scene, []
         around = "the mesh of this eye, with layers drawn" if self.anatomy.shape is None else \
-            "the simulated cavity, with the eye around it and its vessels drawn after textbooks"
+            "the simulated cavity; eye and vessels after textbooks"
         notes.append(f"Shapes of the liquids: simulated. Around them: {around}. "
                      f"Colors chosen; drawn by {'Mitsuba 3' if self.style.renderer == 'mitsuba' else 'VTK'}.")
         more = ["around the oil is air: as glass, with its index of refraction"] if self.look.whole else []
