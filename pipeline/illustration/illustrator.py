@@ -124,7 +124,7 @@ class Illustrator:
         names = [Name(_capital(self._liquid_name(face)), place, self._of_liquid(face))
                  for face, place in liquids.places.items()]
         names.append(Name("Macula", np.array([0.0, 0.0, back])))
-        if self.disc @ toward < 0.0:
+        if self.disc @ toward < 0.0 and self.look.clear:
             names.append(Name("Optic disc", self._on_wall(self.disc)))
         # Where the cut is level, lower is inferior or to the patient's right.
         lower = across if across @ [0.3, 1.0, 0.0] < 0.0 else -across
@@ -158,7 +158,7 @@ class Illustrator:
 
     def _liquid_name(self, face: str) -> str:
         if face == "interface":
-            return "interface between them"
+            return "interface"
         around = liquid_around(self.scene)
         names = oils_of(self.scene) if face == "oil_face" else [around.name] if around else []
         return " and ".join(pretty(name) for name in names) or "liquid"

@@ -48,6 +48,11 @@ class Look:
     oil: str | None = None
     interface: str = "#b8aeac"
 
+    @property
+    def clear(self) -> bool:
+        """Whether what lies behind the liquids is seen."""
+        return self.skin.opacity < 0.5
+
 
 TISSUES = {
     "sclera": Tissue((0.78, 0.74, 0.66), 0.15),

@@ -251,6 +251,9 @@ def test_a_still_says_what_is_simulated_and_who_has_drawn_it(eye, monkeypatch):
     assert [name.text for name in names][:2] == ["Silicone oil 1000", "Aqueous"]
     assert names[0].more.endswith("mm²/s (cSt), floats up")
     assert {"Macula", "Optic disc", "Iris", "Lens", "Cornea"} <= {name.text for name in names}
+    white = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL, look="paper"))
+    white.with_words(None, frame(), white.liquids(frame(), {"silicone_oil_1000": half_full()}))
+    assert {name.text for name in names} - {name.text for name in said[1][0]} == {"Optic disc"}  # behind white oil
     assert "Shapes of the liquids: simulated" in words["notes"][0] and "drawn by VTK" in words["notes"][0]
     assert words["posture"] == "upright" and words["time"] == "t = 1.50 s, right eye, nasal half"
 
@@ -379,8 +382,7 @@ def test_the_interface_is_named_where_it_is_away_from_the_wall(eye):
     assert place[1] == pytest.approx(2.0, abs=0.1) and anatomy.inside(place[None])[0] < -0.8
     scene = load_scene("config/scenes/tamponade.yaml", "draft")
     illustrator = Illustrator(scene, surface, frame().gravity, Style("pyvista", size=SMALL))
-    assert [words for _, words in illustrator._legend(found)] == ["Silicone oil 1000", "Aqueous",
-                                                                  "Interface between them"]
+    assert [words for _, words in illustrator._legend(found)] == ["Silicone oil 1000", "Aqueous", "Interface"]
 
 
 @pytest.mark.parametrize("pace", ["1.2 × real time", "3.14 weeks per second"])
