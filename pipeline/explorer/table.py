@@ -54,8 +54,8 @@ class Table:
             255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
             np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
             128.0 + one.view / VIEW_STEP, one.shares) for one in shapes), strict=True)
-        packed = (np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8) for values in fields)
-        return cls(*packed, np.array(shares, np.float32))
+        margin, gap, doubt, view = (np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8) for values in fields)
+        return cls(margin, gap, doubt, view, np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""
