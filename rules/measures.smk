@@ -34,6 +34,7 @@ rule metrics:
         mem_mb=flow.memory("metrics"),
     params:
         depends=flow.depends("metrics"),
+        texts=room_texts("web"),
     message:
         "{wildcards.scene} at {wildcards.level}: measure and plot all frames"
     shell:
