@@ -148,7 +148,7 @@ def sibling(path: Path, key: str, name: Any, chain: tuple[Path, ...]) -> Path:
     chain : files that lead to this reference; a reference to one of them is a cycle.
     """
     known = scene_paths(scenes_folder(path))
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise UserError(f"{path}: {key} is {describe(name)}, but must be the name of a scene{nearest(name, known)}; "
                         f"{LISTED}")
     other = known[name]

@@ -49,6 +49,13 @@ def test_an_unknown_name_is_answered_by_the_nearest_and_the_list(scenes):
         load_scene(scenes / "tamponad.yaml")
 
 
+@pytest.mark.parametrize("text", ["extends: []", "extends: {tamponade: 1}", "extends: tamponade\nstart_from: [tiny]"])
+def test_a_list_is_no_name_of_a_scene(scenes, text):
+    (scenes / "mine.yaml").write_text(text + "\n")
+    with pytest.raises(UserError, match="(extends|start_from) is a (list|mapping), but must be "):
+        load_scene(scenes / "mine.yaml", "draft")
+
+
 def test_folders_beside_a_scene_elsewhere_are_none_of_its_business(tmp_path):
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
