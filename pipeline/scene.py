@@ -49,7 +49,8 @@ def main(arguments: list[str] | None = None) -> None:
         folder = config_dir / "scenes"
         entries = entries_of(scene_paths(folder), folder)
         page = options.output is not None and options.output.suffix == ".md"
-        _write(markdown_of(entries) if page else text_of(entries), options.output)
+        _write(markdown_of(entries, load_materials(config_dir / "materials.yaml")) if page else text_of(entries),
+               options.output)
         return
     if options.scene is None:
         parser.error("name a scene, or use --scenes, --list or --schema")

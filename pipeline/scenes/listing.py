@@ -1,4 +1,4 @@
-"""Which scenes there are: a line for each, in a terminal or as a page in Markdown."""
+"""Which scenes there are: a line for each in a terminal, or a page in Markdown with the liquids that they can name."""
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import table
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.model import Material
 
 FOLDERS = {
     "clinic": "what a surgeon would ask of an eye",
@@ -14,6 +15,10 @@ FOLDERS = {
     "tests": "tests, and eyes that come to rest",
 }
 OWN = "yours, in config/scenes itself"
+LIQUIDS = """\
+What `liquids` of a scene can name ([config/materials.yaml](../config/materials.yaml)). "Unverified" numbers were
+not checked against a primary source. Tension and contact angle are those of two liquids on a wall, so a scene has them
+under `interface_tension`: that of `tamponade` for oil, that of `gas_eye` for gas, with their sources."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,15 +70,19 @@ def text_of(entries: list[Entry]) -> str:
     return "\n".join(lines[1:]) + "\n"
 
 
-def markdown_of(entries: list[Entry]) -> str:
-    """Return the same as a page, with what every scene shows."""
+def markdown_of(entries: list[Entry], liquids: Mapping[str, Material]) -> str:
+    """Return the same as a page, with what every scene shows, and a table of liquids by name."""
     lines = ["# Scenes", "",
              "Made by `python -m pipeline.scene --scenes --output docs/scenes.md`. A scene is called by its name,",
-             "whatever folder of `config/scenes` it lies in: `./run tamponade`.", ""]
+             "whatever folder of `config/scenes` it lies in: `./run tamponade`. The [liquids](#liquids) come last.", ""]
     for folder, inside in _by_folder(entries):
         rows = [(f"`{one.name}`", one.dimension, one.duration, one.title, one.description) for one in inside]
         lines += [f"## {folder or 'Yours'}", "", f"{FOLDERS.get(folder, OWN).capitalize()}.", "",
                   table(("scene", "", "simulated", "title", "what it shows"), rows), ""]
+    body = [(f"`{name}`", f"{one.density:g}", f"{1e3 * one.dynamic_viscosity:g}", one.source)
+            for name, one in liquids.items()]
+    lines += ["## Liquids", "", LIQUIDS, "",
+              table(("liquid", "density, kg/m³", "viscosity, mPa s", "source"), body), ""]
     return "\n".join(lines)
 
 

@@ -9,6 +9,7 @@ from pipeline.base.errors import UserError
 from pipeline.scenes.folders import scene_file, scene_path, scene_paths
 from pipeline.scenes.listing import entries_of, markdown_of, text_of
 from pipeline.scenes.load import load_scene
+from pipeline.scenes.materials import load_materials
 from pipeline.scenes.yaml_files import scene_files
 
 SCENES = ROOT / "config" / "scenes"
@@ -110,7 +111,8 @@ def test_the_list_has_a_line_for_every_scene(scenes):
     assert max(len(line) for line in lines if line != found["wrong"]) <= 120
 
 
-def test_the_page_of_scenes_is_not_older_than_they_are():
+def test_the_page_of_scenes_is_not_older_than_they_and_their_liquids_are():
     paths = {name: path for name, path in scene_paths(SCENES).items() if path.parent != SCENES}
-    assert (ROOT / "docs" / "scenes.md").read_text() == markdown_of(entries_of(paths, SCENES)), \
+    liquids = load_materials(ROOT / "config" / "materials.yaml")
+    assert (ROOT / "docs" / "scenes.md").read_text() == markdown_of(entries_of(paths, SCENES), liquids), \
         "python -m pipeline.scene --scenes --output docs/scenes.md"
