@@ -177,7 +177,7 @@ def in_short(runs: Sequence[RunFolder], found: Sequence[Change]) -> str:
     if all(one > 0.0 for one in costs):
         times = in_a_row([f"{run.level} took {one / costs[0]:.3g} times" for run, one in zip(runs[1:], costs[1:],
                                                                                       strict=True)])
-        price = f"; {times} the computing time of {runs[0].level}"
+        price = f"; {times} the computing time of {runs[0].level} (all cores)"
     what = "" if known else "what differs most over time: "
     return f"at the end of {in_a_row([run.level for run in runs])}, {what}{', '.join(parts) or 'nothing'}{price}"
 

@@ -116,8 +116,8 @@ def _said(run: RunFolder, found: Sequence[Headline], events: Sequence[Event], er
         notes.append(f"Minimum-energy shape: where oil of the same fill ({100.0 * resting.fill:.1f} %) and posture "
                      f"({resting.posture}) is at rest, computed without particles.")
     if any(one.sure for one in found):
-        notes.append("±: half of what lies within one particle spacing of the contact line. It says how well the shape "
-                     "can be read; the error of the shape itself comes on top.")
+        notes.append("±: reading uncertainty, half a particle spacing at the contact line. The error of the shape "
+                     "itself comes on top.")
     notes += [f"At this level the covered retina at rest is {one.words} ({one.source})."
               for one in errors if one.unit == UNIT and not illustrated]
     notes += [ILLUSTRATION] * (scene.container is None)
