@@ -9,15 +9,29 @@ import argparse
 import contextlib
 import csv
 import fcntl
+import fnmatch
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import settle, table
+from pipeline.base.numbers import plain
 from studies.results.plan import PLAN, not_made, read_plan
-from studies.results.tables import FOLDER, LAYOUT, Headline, Layout, Page, Row, read_layout, read_rows, write_rows
+from studies.results.tables import (
+    FOLDER,
+    LAYOUT,
+    Group,
+    Headline,
+    Layout,
+    Page,
+    Row,
+    read_layout,
+    read_rows,
+    write_rows,
+)
 from studies.results.take_over import take_over
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -114,10 +128,43 @@ def _cell(row: Row, footnotes: Footnotes) -> str:
     return shown + footnotes.mark(row.note)
 
 
+def summary_table(page: Page, rows: Sequence[Row]) -> str:
+    """How many numbers of every group hold, and the quantities of those that do not.
+
+    Raises
+    ------
+    UserError : a number that is allowed an error belongs to no group.
+    """
+    grouped: dict[Group, list[Row]] = {group: [] for group in page.summary}
+    for row in (row for row in rows if row.holds):
+        of = [group for group in grouped if any(fnmatch.fnmatchcase(row.case, pattern) for pattern in group.cases)]
+        if len(of) != 1:
+            raise UserError(f"{LAYOUT}: {row.case} is in {len(of)} groups of the summary of {page.name}, but must be "
+                            "in one")
+        grouped[of[0]].append(row)
+    body = []
+    for solver in dict.fromkeys(group.of for group in grouped):
+        groups = {group.words: found for group, found in grouped.items() if group.of == solver}
+        if len(groups) > 1:
+            body.append(_count(f"**{solver}**", [row for found in groups.values() for row in found], told=False))
+            body += [_count(words, found) for words, found in groups.items()]
+        else:
+            body.append(_count(f"**{solver}**", next(iter(groups.values()))))
+    return table(("", "numbers", "hold", "what does not, and how often"), body)
+
+
+def _count(words: str, rows: Sequence[Row], told: bool = True) -> tuple[str, int, int, str]:
+    missed = Counter(f"`{row.case.partition('-')[0]}`: {row.quantity}" for row in rows if row.holds == "no")
+    return (words, len(rows), sum(row.holds == "yes" for row in rows),
+            "; ".join(f"{name} ({count})" for name, count in missed.items()) if told else "")
+
+
 def page_text(page: Page, rows: Sequence[Row]) -> str:
     """Return a page."""
     footnotes = Footnotes()
     parts = [f"# {page.title}", f"Made by `{COMMAND}` from [{page.name}.csv]({page.name}.csv).", page.text.strip()]
+    if page.summary:
+        parts += ["## Summary", summary_table(page, rows)]
     for one in page.tables:
         own_rows = [row for row in rows if row.table == one.name]
         parts += [f"## {one.title}", one.text.strip()]
@@ -139,20 +186,27 @@ def index_text(layout: Layout, rows: dict[str, list[Row]]) -> str:
                      sum(row.holds == "yes" for row in asked)))
     return "\n\n".join((f"# {layout.title}", f"Made by `{COMMAND}`.",
                         table(("page", "numbers", "of which something is asked", "that hold"), body),
-                        layout.text.strip())) + "\n"
+                        layout.text.strip(), ages(layout))) + "\n"
 
 
-def headline(one: Headline, rows: dict[str, list[Row]]) -> Row:
-    """Return the row of a number of the README.
+def ages(layout: Layout) -> str:
+    """Which numbers lack which changes of the solver, as a table."""
+    return table(("change of the solver, and its commit", "code of the numbers that lack it, and all below it"),
+                 [(f"{one.words} ({one.commit})", ", ".join(one.before)) for one in layout.changes])
+
+
+def headline(one: Headline, rows: dict[str, list[Row]], quantity: str = "") -> Row:
+    """Return the row of a number of the README, or of another quantity of the same case.
 
     Raises
     ------
     UserError : there is none, or more than one.
     """
-    found = [row for row in rows.get(one.page, []) if (row.case, row.quantity) == (one.case, one.quantity)
+    found = [row for row in rows.get(one.page, []) if (row.case, row.quantity) == (one.case, quantity or one.quantity)
              and one.level in ("", row.level)]
     if len(found) != 1:
-        raise UserError(f"{len(found)} rows of the page {one.page} are {one.case}: {one.quantity}; README.md needs 1")
+        raise UserError(f"{len(found)} rows of the page {one.page} are {one.case}: {quantity or one.quantity}; "
+                        "README.md needs 1")
     return found[0]
 
 
@@ -171,16 +225,17 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
     for one in layout.headlines:
         row = headline(one, rows)
         shown = amount(row.value, row.unit) if row.value else amount(row.error, row.error_unit)
-        if one.uncertainty:
-            shown = amount(f"{row.value} ± {one.uncertainty}", row.unit)
+        if one.band:
+            half = 0.5 * float(headline(one, rows, one.band).value)
+            shown = amount(f"{row.value} ± {plain(half, len(row.value.partition('.')[2]))}", row.unit)
         place = Path("docs") if one.page == BENCHMARKS else FOLDER
         body.append((f"[{one.words}]({(place / one.page).as_posix()}.md)", f"**{shown}**",
                      amount(row.expected, row.unit) if row.value else "", row.holds, row.size, f"`{row.command}`"))
     head = ("what", "number", "to compare", "holds", "size", "command")
     asked = [row for page in layout.pages for row in rows[page.name] if row.holds]
     near = sum(row.holds == "yes" for row in asked)
-    counts = (f"*To compare*: what was asked for, or an exact or independent solution; *±*: by the particle spacing "
-              f"alone. Of all {len(asked)} numbers "
+    counts = (f"*To compare*: what was asked for, or an exact or independent solution; *±*: how well the contact line "
+              f"is read, half a spacing; particles: at the start. Of all {len(asked)} numbers "
               f"that have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
     return f"{before}{mark}\n{table(head, body)}\n\n{counts}\n{other}{after}"
 

@@ -96,35 +96,62 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
+class Group:
+    """Cases of a page that are counted together: of which solver, what they are about, patterns of their names."""
+
+    of: str
+    words: str
+    cases: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Page:
-    """A page: its tables, and a sentence on what it is about."""
+    """A page: its tables, a sentence on what it is about, and groups by which it is summed up at its top."""
 
     name: str
     title: str
     text: str
     tables: tuple[Table, ...]
+    summary: tuple[Group, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class Headline:
-    """A number of the README: what it says, the row that has it, and its uncertainty in the unit of that."""
+    """A number of the README: what it says, the row that has it, and the quantity whose half is its uncertainty."""
 
     words: str
     page: str
     case: str
     quantity: str
     level: str = ""
-    uncertainty: str = ""
+    band: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A change of the solver that has moved numbers.
+
+    Attributes
+    ----------
+    commit : of the change, as git knows it.
+    words : what has changed, and what it has moved.
+    before : codes of the tables, in the order of git, that have all earlier changes and lack this one.
+    """
+
+    commit: str
+    words: str
+    before: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """What pages there are, and what the README takes from them."""
+    """What pages there are, what the README takes from them, and which changes their numbers may lack, oldest first."""
 
     title: str
     text: str
     pages: tuple[Page, ...]
     headlines: tuple[Headline, ...]
+    changes: tuple[Change, ...] = ()
 
 
 def read_layout(folder: Path) -> Layout:
@@ -137,15 +164,22 @@ def read_layout(folder: Path) -> Layout:
     path = folder / LAYOUT
     plain = read_yaml(path)
     try:
-        pages = tuple(Page(**page | {"tables": tuple(map(_table, page["tables"]))})
+        pages = tuple(Page(**page | {"tables": tuple(map(_table, page["tables"])),
+                                     "summary": tuple(map(_group, page.get("summary", ())))})
                       for page in plain["pages"])
-        return Layout(plain["title"], plain["text"], pages, tuple(Headline(**one) for one in plain["headlines"]))
+        changes = tuple(Change(**one | {"before": tuple(one["before"])}) for one in plain["changes"])
+        return Layout(plain["title"], plain["text"], pages, tuple(Headline(**one) for one in plain["headlines"]),
+                      changes)
     except (KeyError, TypeError) as error:
         raise UserError(f"{path}: is no layout of pages ({error})") from error
 
 
 def _table(plain: dict) -> Table:
     return Table(**plain | {"cases": tuple(plain.get("cases", ()))})
+
+
+def _group(plain: dict) -> Group:
+    return Group(**plain | {"cases": tuple(plain["cases"])})
 
 
 def read_rows(folder: Path, page: Page) -> list[Row]:
