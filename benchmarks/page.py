@@ -160,6 +160,10 @@ thickness, so that it drains [too fast](methods/wall_film.md#what-differs-and-wh
 real film thins and its last third stays for long. The film that a front leaves is a fraction of a particle, which
 particles cannot show.
 
+The oil of `eye_at_rest` starts level and creeps, so that after the 3 s of draft the lower half is not at rest; the
+scene of that name starts in the shape of least energy and keeps [more of it](results/eye.md#eyes-at-rest). References
+differ as well: here it is the mean of two codes, there another minimizer.
+
 ## What it took
 
 Processor time, in seconds.
