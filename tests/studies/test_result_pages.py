@@ -1,5 +1,6 @@
 """The pages of results are those of their tables, and fresh runs bring their numbers into the tables."""
 import csv
+import math
 import re
 import shutil
 import subprocess
@@ -295,6 +296,17 @@ def test_every_number_says_where_it_comes_from():
             assert row.code, f"{page.name}: {row.case}"
             assert row.command, f"{page.name}: {row.case}"
 
+
+def test_the_words_on_accuracy_in_the_eye_are_those_of_its_table():
+    rows = [row for row in rows_of(ROOT, "accuracy") if row.table == "eye_levels"]
+    found = {(row.case, row.quantity): float(row.value) for row in rows}
+    draft, standard = "the eye at 1 mm", "the eye at 0.4 mm"
+    least, most, fine = found[draft, "off at rest, least"], found[draft, "off at rest, largest"], found[
+        standard, "off at rest, largest"]
+    times = found[standard, "computing time"] / found[draft, "computing time"]
+    text = (ROOT / "docs" / "results" / "accuracy.md").read_text(encoding="utf-8")
+    assert (f"by {least:.1f} to {math.ceil(10 * most) / 10:.1f} points at `draft` and by {fine:.1f} at `standard`, "
+            f"which takes {times:.0f} times the time by the clock") in text
 
 
 def test_numbers_that_pages_of_studies_tell_are_those_of_the_tables():
