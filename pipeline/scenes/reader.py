@@ -69,6 +69,7 @@ class Errors:
         parents = (key[:length] for length in range(len(key), 0, -1))
         origin = next((self.origins[parent] for parent in parents if parent in self.origins), self._file)
         file = self._file if origin == self._file else f"{self._file} (inherited from {origin})"
+        message = printable(message, len(message))  # it may list names that the file has
         self.take(f"{file}: {dotted(key)} {message}" if key else f"{file}: {message}")
 
     def take(self, sentence: str) -> None:

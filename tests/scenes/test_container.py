@@ -21,6 +21,7 @@ from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.container import block_lattice, container_arrays
 from pipeline.measures.isolation import isolated
 from pipeline.reconstruct import write_surfaces
+from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_resolved, load_scene
 from pipeline.simulation import solver_setup
 from pipeline.simulation.solver_setup import initial_phases, initial_velocity
@@ -178,6 +179,14 @@ def test_error_names_file_key_and_what_is_allowed(case, write):
     messages = errors_of(path)
     assert any(expected in message for message in messages), messages
     assert all(message.startswith(str(path)) and "\n" not in message for message in messages)
+
+
+def test_a_name_in_two_lines_breaks_no_sentence(tmp_path):
+    text = load_scene(scene_path("collision_balls", ROOT / "config" / "scenes"), "draft").to_json()
+    (tmp_path / "scene.json").write_text(text.replace('"name": "red_gel"', '"name": "two\\nlines"'))
+    with pytest.raises(UserError, match=r"one of two\\nlines, blue_gel") as error:
+        load_resolved(tmp_path / "scene.json")
+    assert all(line.startswith(str(tmp_path)) for line in str(error.value).splitlines())
 
 
 def test_limit_of_explicit_viscosity_is_known_beforehand(write):

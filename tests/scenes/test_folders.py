@@ -53,7 +53,7 @@ def test_an_unknown_name_is_answered_by_the_nearest_and_the_list(scenes):
 @pytest.mark.parametrize("text", ["extends: []", "extends: {tamponade: 1}", "extends: tamponade\nstart_from: [tiny]"])
 def test_a_list_is_no_name_of_a_scene(scenes, text):
     (scenes / "mine.yaml").write_text(text + "\n")
-    with pytest.raises(UserError, match="(extends|start_from) is a (list|mapping), but must be "):
+    with pytest.raises(UserError, match=r"(extends|start_from) is a (list|mapping), but must be "):
         load_scene(scenes / "mine.yaml", "draft")
 
 
