@@ -231,12 +231,13 @@ def readme_text(old: str, layout: Layout, rows: dict[str, list[Row]]) -> str:
         place = Path("docs") if one.page == BENCHMARKS else FOLDER
         body.append((f"[{one.words}]({(place / one.page).as_posix()}.md)", f"**{shown}**",
                      amount(row.expected, row.unit) if row.value else "", row.holds, row.size, f"`{row.command}`"))
-    head = ("what", "number", "to compare", "holds", "size", "command")
+    head = ("what", "number", "reference", "holds", "size", "command")
     asked = [row for page in layout.pages for row in rows[page.name] if row.holds]
     near = sum(row.holds == "yes" for row in asked)
-    counts = (f"*To compare*: what was asked for, or an exact or independent solution; *±*: how well the contact line "
-              f"is read, half a spacing; particles: at the start. Of all {len(asked)} numbers "
-              f"that have one, {near} are as near to it as was asked ([all of them]({FOLDER.as_posix()}/README.md)).")
+    counts = (f"*Reference*: what was asked for, or an exact or independent solution; *±*: how well the contact line "
+              f"is read, half a spacing; particles: at the start. Of all [{len(asked)} numbers]({FOLDER.as_posix()}/"
+              f"README.md) that have one, {near} are within their tolerance; [what misses]({FOLDER.as_posix()}/"
+              f"validation.md#summary) is mostly other solvers, and layers told apart by labels alone.")
     return f"{before}{mark}\n{table(head, body)}\n\n{counts}\n{other}{after}"
 
 

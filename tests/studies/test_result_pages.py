@@ -269,7 +269,8 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     assert "**36 ± 7 %**" in readme and "**1.5 min**" in readme
     asked = [row for path in (project / "docs" / "results").glob("*.csv") for row in rows_of(project, path.stem)
              if row.holds]
-    assert f"Of all {len(asked)} numbers that have one, {sum(row.holds == 'yes' for row in asked)} are" in readme
+    near = sum(row.holds == "yes" for row in asked)
+    assert f"Of all [{len(asked)} numbers](docs/results/README.md) that have one, {near} are within" in readme
 
 
 @pytest.mark.parametrize(("change", "told"), [
