@@ -30,6 +30,7 @@ STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the strip
 DECIMALS = 1            # digits after the point of a share, percent, at most: those of the page
 BREAK_COLOR, HALO = (214, 39, 40), (255, 255, 255)
 WHITE = np.full(3, 255.0, np.float32)
+Uncertain = float | np.ndarray | tuple[np.ndarray, np.ndarray]     # of ``FundusMap.draw``
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,26 +109,28 @@ class FundusMap:
         self._hatch = _striped(rows + columns, hatch, 2.0 * hatch, diagonal)[self.inside, None]
         self._stripes = self._film_stripes(rows, OVERSAMPLING)[self.inside, None]
 
-    def draw(self, wall, *, uncertain: float | np.ndarray, quadrants: dict[str, Coverage] | None = None,
+    def draw(self, wall, *, uncertain: Uncertain, quadrants: dict[str, Coverage] | None = None,
              marks=()) -> Image.Image:
         """Map of one frame.
 
         Parameters
         ----------
         wall : pyvista.PolyData of the reconstruct stage, with the vertices of this map.
-        uncertain : m, on either side of the edge, which is hatched; one for all vertices, or (n,).
+        uncertain : m, on either side of the edge, which is hatched; one for all vertices, or (n,); or two arrays (n,),
+            the distance of the vertices from the edge at least and at most, positive where the oil touches.
         quadrants : of the retina, "superior_temporal" and so on.
         marks : pairs of a color and a point (3,) in m, whose place on the wall is marked.
         """
-        line = film_distance(wall)
-        distance, covered, bare, reach, film = self._at_pixels(
-            wall.point_data["contact_distance"], wall_fractions(wall, True), wall_fractions(wall, False), uncertain,
+        line, contact = film_distance(wall), np.asarray(wall.point_data["contact_distance"])
+        least, most = uncertain if isinstance(uncertain, tuple) else (contact - uncertain, contact + uncertain)
+        distance, covered, bare, low, high, film = self._at_pixels(
+            contact, wall_fractions(wall, True), wall_fractions(wall, False), least, most,
             -1.0 if line is None else line)
         over, pixel = distance > 0.0, OVERSAMPLING / self.scale * math.radians(self.globe)      # m
         colors = self.paint.of(np.where(over, covered, bare)).astype(np.float32)    # the edge is under a line
         colors = _mixed(colors, self.paint.film, (over * _share(film / pixel))[:, None] * (1.0 - self._stripes))
         other = np.where(over[:, None], self.paint.bare, self.paint.covered)
-        colors = _mixed(colors, other, _share((reach - np.abs(distance)) / pixel)[:, None] * self._hatch)
+        colors = _mixed(colors, other, _share(np.minimum(high, -low) / pixel)[:, None] * self._hatch)
         colors = _mixed(WHITE, _mixed(colors, WHITE, 0.25 * (1.0 - self._retina)), self._whole)
         pixels = np.full((*self.inside.shape, 3), 255, np.uint8)
         pixels[self.inside] = colors.round()

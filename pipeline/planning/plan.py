@@ -11,21 +11,12 @@ from pipeline.base.errors import UserError
 from pipeline.base.words import NO_ADVICE, nearest
 from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.star_cavity import levels_of
+from pipeline.planning.bracket import bracket_of
 from pipeline.planning.breaks import GLOBE, read_break
 from pipeline.planning.chart import Charts
 from pipeline.planning.confirm import confirming_scene
-from pipeline.planning.report import (
-    HEADS,
-    WORDS,
-    by_oil,
-    html_of,
-    not_covered,
-    rows,
-    shown_first,
-    text_of,
-    verdict,
-)
-from pipeline.planning.search import CACHE, Answer, Question, Tables, answers
+from pipeline.planning.report import by_oil, html_of, reading, shown_first, table, text_of, verdicts
+from pipeline.planning.search import CACHE, FILL_ERROR, Answer, Question, Tables, answers
 from pipeline.planning.settings import Settings, load_settings, postures
 from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors, Reader
@@ -66,12 +57,12 @@ class Plan:
         charts, maps = Charts(resting.cavity(), {"": question.place}, self.eye.side == "right"), []
         shown = [answer for same in by_oil(question, self.answers).values() for answer in shown_first(question, same)]
         for answer in shown[:MAPS]:
-            least = resting.least(question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
-                                  min(answer.fill, question.largest_fill))
-            if least is None:
+            bracket = bracket_of(resting, question.liquids(question.oils[answer.oils[0]]), postures()[answer.posture],
+                                 min(answer.fill, question.largest_fill), question.other_angles, FILL_ERROR)
+            if bracket is None:
                 raise UserError(f"{answer.oils[0]}, {answer.posture}, {100.0 * answer.fill:.1f} %: no shape at rest "
                                 "was found for the map; ask for other postures")
-            maps.append((answer, charts.address(resting.contact(least, beyond=True))))
+            maps.append((answer, bracket, charts.address(bracket.contact, (bracket.low, bracket.high))))
         return html_of(self.question, self.answers, self.eye, maps)
 
     def scene(self) -> str:
@@ -82,14 +73,13 @@ class Plan:
         return self.text()
 
     def __repr__(self) -> str:
-        return f"<{' '.join(verdict(self.question, self.answers))}>"
+        return f"<{' '.join(verdicts(self.question, self.answers))}>"
 
     def _repr_html_(self) -> str:
         return str(Markup("\n").join([
             page.paragraph(f"Break: {self.question.place.words(self.eye.side)}."),
-            page.bullets(verdict(self.question, self.answers)),
-            page.table(HEADS, rows(self.question, self.answers), words=WORDS,
-                       marked=not_covered(self.question, self.answers)), page.paragraph(NO_ADVICE)]))
+            page.bullets(verdicts(self.question, self.answers)), page.paragraph(reading(self.question, self.answers)),
+            table(self.question, self.answers), page.paragraph(NO_ADVICE)]))
 
 
 def plan_fill(place: str, size: str = "1h", *, margin: str | float = "0.5 mm", oils: Sequence[str] | None = None,

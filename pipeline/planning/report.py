@@ -2,19 +2,30 @@
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from pipeline.base import page
 from pipeline.base.words import NO_ADVICE, columns, in_a_row
 from pipeline.equilibrium.checked import CHECKED
+from pipeline.planning.bracket import (
+    BORDERLINE,
+    COVERED,
+    EXPLAINED,
+    NOT_COVERED,
+    VERDICTS,
+    Bracket,
+    verdict,
+)
+from pipeline.planning.chart import AS_SEEN
 from pipeline.planning.search import FILL_ERROR, Answer, Question
+from pipeline.planning.settings import ANGLE
 from pipeline.planning.touch import FILLS
 from pipeline.scenes.model import Eye
 from pipeline.scenes.retina import side_word
 from sim.liquid import GAS_DENSITY
 
 NOTHING = "–"
-HEADS = ("", "posture", "smallest fill", "range", "retina", "superior", "inferior", "macula")
-WORDS = (0, 1, 2, 3)    # columns of the table that hold words
+PARTS = ("retina", "superior", "inferior", "macula")
 
 
 def percent(share: float | None, digits: int = 0) -> str:
@@ -30,10 +41,10 @@ def fill_words(fill: float, digits: int = 0) -> str:
     """Return a smallest fill in words.
 
     >>> fill_words(0.5), fill_words(0.932), fill_words(0.999)
-    ('at most 50 %', '93 %', 'more than 99.5 %')
+    ('50 % or less', '93 %', 'more than 99.5 %')
     """
     if round(100 * fill) <= 100 * FILLS[0]:
-        return f"at most {percent(FILLS[0])}"
+        return f"{percent(FILLS[0])} or less"
     return f"more than {percent(FILLS[-1], 1)}" if fill > FILLS[-1] else percent(fill, digits)
 
 
@@ -44,7 +55,7 @@ def span_words(answer: Answer) -> str:
     if answer.high > FILLS[-1]:
         return f"at least {percent(answer.low)}"
     if answer.low <= FILLS[0]:
-        return fill_words(FILLS[0]) if answer.high <= FILLS[0] + FILL_ERROR else f"at most {percent(answer.high)}"
+        return f"{percent(answer.high)} or less"
     return f"{percent(answer.low)[:-2]} to {percent(answer.high)}"
 
 
@@ -81,38 +92,55 @@ def shown_first(question: Question, same: Sequence[Answer]) -> list[Answer]:
     return [asked] if asked is same[0] else [asked, same[0]]
 
 
-def fill_needed(question: Question, answer: Answer) -> str:
+def fill_needed(question: Question, answer: Answer, of: str = " of the cavity") -> str:
     """Return the smallest fill of an answer and what it may be, or that there is none."""
     largest, doubt = question.largest_fill, span_words(answer)
-    if not answer.covers(largest):
-        return f"not covered with {percent(largest)}"
-    fill = fill_words(answer.fill)
-    return fill if doubt in (NOTHING, fill) or fill == fill_words(FILLS[0]) else f"{fill} ({doubt})"
+    if answer.verdict(largest) == NOT_COVERED:
+        return f"{NOT_COVERED} with {percent(largest)}"
+    if round(100 * answer.fill) <= 100 * FILLS[0]:
+        return f"{percent(FILLS[0])}{of} is enough (less was not looked at)"
+    fill = fill_words(answer.fill, 0 if answer.covers(largest) else 1)
+    return f"{fill if doubt == NOTHING else f'{fill} ({doubt})'}{of}"
 
 
-def verdict(question: Question, found: Sequence[Answer]) -> list[str]:
-    """Return the answer in sentences, one for every oil."""
-    largest = question.largest_fill
+def verdicts(question: Question, found: Sequence[Answer]) -> list[str]:
+    """Return the answer in sentences: the least of all, where there are several oils, and one for every oil."""
+    largest, same = question.largest_fill, by_oil(question, found)
     if not found[0].covers(largest):
         best = found[0]
-        return [f"The break cannot be covered: no oil and no posture asked for covers it with {percent(largest)} of "
-                f"the cavity filled, and more can hardly be filled in. The least that would do is "
-                f"{fill_words(best.fill, 1)}: {oil_words(question, best.oils)}, {posture_words(best.posture)}."]
-    return [_of_oil(question, words, same) for words, same in by_oil(question, found).items()]
+        best_words = f"{fill_words(best.fill, 1)}: {oil_words(question, best.oils)}, {posture_words(best.posture)}"
+        said = ("The break cannot be covered" if best.verdict(largest) == NOT_COVERED else
+                "It is uncertain whether the break can be covered")
+        return [f"{said}: no oil and no posture asked for surely covers it with {percent(largest)} of the cavity, "
+                f"taken as the most that gets filled. The least that would do is {best_words}."]
+    least = [f"Least of all: {oil_words(question, found[0].oils)}, patient {posture_words(found[0].posture)}: "
+             f"{fill_needed(question, found[0])}."] if len(same) > 1 else []
+    return [*least, *(_of_oil(question, words, answers) for words, answers in same.items())]
 
 
 def _of_oil(question: Question, words: str, same: Sequence[Answer]) -> str:
     """What one oil needs: in the posture that was asked for first, at least, and where it does not do."""
+    largest = question.largest_fill
     asked, *least = shown_first(question, same)
     said = f"{words[0].upper()}{words[1:]}, patient {posture_words(asked.posture)}: {fill_needed(question, asked)}"
-    said += " of the cavity" * asked.covers(question.largest_fill)
-    if asked.covers(question.largest_fill) and round(100 * (asked.high or 0.0)) > 100 * question.largest_fill:
-        said += f", perhaps more than the {percent(question.largest_fill)} that can be filled in"
+    if asked.verdict(largest) == BORDERLINE:
+        said += f", perhaps more than the {percent(largest)} that are taken as the most"
     said += "".join(f"; least when {posture_words(one.posture)}, {fill_needed(question, one)}" for one in least
-                    if one.covers(question.largest_fill))
-    without = [posture_words(one.posture) for one in same if one is not asked
-               and not one.covers(question.largest_fill)]
-    return said + (f"; not covered when {in_a_row(without)}." if without else ".")
+                    if one.covers(largest))
+    for what in (BORDERLINE, NOT_COVERED):
+        others = [posture_words(one.posture) for one in same if one is not asked and one.verdict(largest) == what]
+        said += f"; {what} with {percent(largest)} when {in_a_row(others)}" if others else ""
+    return f"{said}."
+
+
+def reading(question: Question, found: Sequence[Answer]) -> str:
+    """Return what a smallest fill and its range say of the break; empty where nothing covers it."""
+    if not found[0].covers(question.largest_fill):
+        return ""
+    ends = f"{1e3 * question.margin:g} mm beyond the edge" if question.margin else "at the edge"
+    return (f"At exactly a smallest fill the edge of the oil lies {ends} of the break: borderline, for this edge is "
+            "uncertain. In brackets is what the smallest fill may be: below the first number the oil does not reach so "
+            "far, from the second on it does.")
 
 
 def eye_words(eye: Eye) -> str:
@@ -142,38 +170,49 @@ def assumptions(question: Question, eye: Eye) -> list[str]:
         f"Oil at rest: tension {1e3 * question.tension:g} mN/m, contact angle {np.degrees(question.contact_angle):.3g} "
         f"degrees through {question.other.name}, which wets the rest of the wall. Only densities, tension, angle and "
         f"shape matter; viscosity does not.",
-        f"Ranges are for contact angles of {angles} degrees, with {percent(FILL_ERROR)} for the error of the shapes. "
-        f"Where oil can rest in two shapes, as after filling in and after taking out, the one with less energy "
+        f"Ranges are for contact angles of {angles} degrees ({ANGLE}), with {percent(FILL_ERROR)} for the error of the "
+        f"shapes. Where oil can rest in two shapes, as after filling and after taking out, the one with less energy "
         f"counts, and the range holds both.",
-        f"More than {percent(question.largest_fill)} cannot be filled in. The retina is attached, the head rests and "
-        f"the oil is one body.",
+        f"{percent(question.largest_fill)} is taken as the most that gets filled (--largest-fill): fluid in the "
+        "front of the eye and behind the retina is left. The retina is attached, the head rests and the oil is one "
+        "body.",
     ]
+
+
+def heads(question: Question) -> tuple[str, ...]:
+    """Return the heads of the table."""
+    return ("", "posture", f"with {percent(question.largest_fill)}", "smallest fill", "range", *PARTS)
 
 
 def rows(question: Question, found: Sequence[Answer]) -> list[tuple[str, ...]]:
     """Return the table: a line for every oil and posture, oil by oil, the smallest fill first."""
-    return [(words, posture_words(answer.posture), fill_words(answer.fill, 0 if answer.covers(question.largest_fill)
-                                                              else 1), span_words(answer),
-             *(percent(answer.shares[name]) for name in ("retina", "superior", "inferior", "macula")))
+    largest = question.largest_fill
+    return [(words, posture_words(answer.posture), answer.verdict(largest),
+             fill_words(answer.fill, 0 if answer.covers(largest) else 1), span_words(answer),
+             *(percent(answer.shares[name]) for name in PARTS))
             for words, same in by_oil(question, found).items() for answer in same]
 
 
-def not_covered(question: Question, found: Sequence[Answer]) -> list[int]:
-    """Return the lines of the table in which the break is not covered."""
+def table(question: Question, found: Sequence[Answer]) -> Markup:
+    """Return the table for a page; lines in which the break is not surely covered are marked."""
     order = [answer for same in by_oil(question, found).values() for answer in same]
-    return [number for number, answer in enumerate(order) if not answer.covers(question.largest_fill)]
+    marked = [number for number, one in enumerate(order) if one.verdict(question.largest_fill) != COVERED]
+    return page.table(heads(question), rows(question, found), words=range(5), marked=marked)
 
 
 def below(question: Question) -> str:
     """Return what stands below the table."""
-    return (f"The last four columns: covered share of the retina and its parts at this fill, or at "
-            f"{percent(question.largest_fill)} where more would be needed.")
+    largest = percent(question.largest_fill)
+    return (f"With {largest}: whether the break is covered then, the most that is taken to get filled. The last four "
+            f"columns: share of the retina and its parts that the oil touches at the smallest fill, or at {largest} "
+            "where more would be needed.")
 
 
 def text_of(question: Question, found: Sequence[Answer], eye: Eye) -> str:
     """Return the plan as text."""
-    return "\n".join([f"Break: {question.place.words(eye.side)}.", *verdict(question, found), "",
-                      *columns([HEADS, *rows(question, found)]), "", below(question), "", "Assumed:",
+    return "\n".join([f"Break: {question.place.words(eye.side)}.", *verdicts(question, found),
+                      *filter(None, [reading(question, found)]), "",
+                      *columns([heads(question), *rows(question, found)]), "", below(question), "", "Assumed:",
                       *(f"- {line}" for line in assumptions(question, eye)), "", "Checked:",
                       *(f"- {line}" for line in CHECKED), "", NO_ADVICE, ""])
 
@@ -190,17 +229,24 @@ def _touched(answer: Answer) -> str:
     return f"touches {retina} of the retina, {inferior} of its inferior half, {macula} of the macula"
 
 
-def html_of(question: Question, found: Sequence[Answer], eye: Eye, maps: Sequence[tuple[Answer, str]]) -> str:
+def html_of(question: Question, found: Sequence[Answer], eye: Eye,
+            maps: Sequence[tuple[Answer, Bracket, str]]) -> str:
     """Return the plan as a page.
 
     Parameters
     ----------
-    maps : answers that are shown, each with a map of the fundus as a data URL.
+    maps : answers that are shown, each with the oil at its fill, and a map of the fundus as a data URL.
     """
+    def caption(answer: Answer, bracket: Bracket) -> dict[str, str]:
+        fill = min(answer.fill, question.largest_fill)
+        shown = verdict(*bracket.beyond(question.place)[1:])
+        return {"words": f"{eye.side} eye, {_brief(question, found, answer)}, {posture_words(answer.posture)}",
+                "needed": fill_needed(question, answer, ""), "verdict": f"{shown} at {percent(fill)}",
+                "touched": _touched(answer), "others": bracket.other_words()}
+
     return page.page("Which fill, oil and posture cover the break?", [page.filled(
-        __file__, no_advice=NO_ADVICE, place=question.place.words(eye.side),
-        eye=eye_words(eye), verdict=verdict(question, found), checked=CHECKED, assumed=assumptions(question, eye),
-        maps=[(f"{_brief(question, found, answer)}, {posture_words(answer.posture)}", fill_needed(question, answer),
-               _touched(answer), source) for answer, source in maps],
-        table=page.table(HEADS, rows(question, found), words=WORDS, marked=not_covered(question, found)),
-        below=below(question))])
+        __file__, no_advice=NO_ADVICE, place=question.place.words(eye.side), reading=reading(question, found),
+        eye=eye_words(eye), side=eye.side, verdicts=verdicts(question, found), checked=CHECKED,
+        assumed=assumptions(question, eye), hatched=f"{EXPLAINED} {VERDICTS}", view=AS_SEEN,
+        maps=[caption(answer, bracket) | {"source": source} for answer, bracket, source in maps],
+        table=table(question, found), below=below(question))])

@@ -19,6 +19,7 @@ from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.least import Resting
 from pipeline.equilibrium.rest import Liquids
 from pipeline.equilibrium.star_cavity import FINE
+from pipeline.planning.bracket import verdict
 from pipeline.planning.chart import UNCERTAIN
 from pipeline.planning.settings import postures
 from pipeline.planning.touch import FILLS, Touch, key_of, read_tables, touch_of, write_tables
@@ -30,6 +31,7 @@ MAP = PROJECT_CONFIG / "oil_at_rest"    # of the default eye
 CACHE = Path("outputs") / "plans"
 #: Of a fill that is needed; the share of the retina at a fill is at most 0.6 points off (docs/methods/equilibrium.md).
 FILL_ERROR = 0.01
+NEARLY = 1e-9            # of a fill
 SHAPE_SECONDS = 0.8      # of a core of 3 GHz, for all that is tried at a fill: the mean of fills and postures
 
 
@@ -125,6 +127,12 @@ class Answer:
     def covers(self, largest_fill: float) -> bool:
         """Tell whether the break can be covered."""
         return self.fill <= largest_fill
+
+    def verdict(self, fill: float) -> str:
+        """Return whether the break is covered at a fill, with all that is uncertain."""
+        low = self.fill - FILL_ERROR if self.low is None else self.low
+        high = self.fill + FILL_ERROR if self.high is None else self.high
+        return verdict(fill - high + NEARLY, fill - low)
 
 
 @dataclasses.dataclass(frozen=True)

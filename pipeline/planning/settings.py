@@ -16,6 +16,7 @@ from sim.effects.effect import WEIGHS
 from sim.parameters import parameter
 
 FOR_DIGESTS = "runs effects"
+ANGLE = "how strongly the retina prefers aqueous to oil"    # what a contact angle says, for readers
 
 
 @dataclasses.dataclass(frozen=True)

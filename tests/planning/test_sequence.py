@@ -54,12 +54,12 @@ def test_every_posture_that_is_held_has_a_shape(folder):
     np.testing.assert_allclose([(hold.begin, hold.end) for hold in found.holds],
                                [(0.0, 3600.0), (3960.0, 7200.0), (7560.0, 14400.0)])
     upright, down, again = found.holds
-    assert upright.rest is again.rest and found.liquids == Liquids(35.0, 0.04, pytest.approx(np.radians(18.2)))
+    assert upright.bracket is again.bracket and found.liquids == Liquids(35.0, 0.04, pytest.approx(np.radians(18.2)))
     assert upright.margins["above"][0] > 0.0 > upright.margins["below"][0]
     assert down.margins["below"][0] > 0.0 > down.margins["above"][0]
     for hold in found.holds:
         for name, (margin, low, high) in hold.margins.items():
-            assert low <= margin <= high and np.isnan(hold.pressures[name]) == (margin <= 0.0)
+            assert low < margin < high and np.isnan(hold.pressures[name]) == (margin <= 0.0)
     assert found.covered("below") == (pytest.approx(3240.0 / 13680.0), pytest.approx(6840.0))
     assert found.covered("above")[1] == pytest.approx(3240.0)
     text = sequence.text_of(found)
@@ -75,16 +75,26 @@ def test_what_a_break_may_be_is_told_once_and_without_signs(folder):
         holds = [dataclasses.replace(hold, margins=dict.fromkeys(hold.margins, margins), pressures=pressures)
                  for hold in found.holds]
         changed = dataclasses.replace(found, holds=holds)
-        return sequence.rows(changed)[0][-1], sequence.sentences(changed)[1]
+        return sequence.rows(changed)[0][-1], sequence.sentences(changed)[2]
 
     cell, sentence = told(2e-3, 1e-3, 3e-3)
-    assert cell == "covered by 2.0 mm (1.0 to 3.0), 4 Pa"
-    assert sentence == ("Break above: covered 100 % of that time, longest time bare 0 s, with any of the contact "
-                        "angles.")
+    assert cell == "covered: oil edge 2.0 mm beyond the break (1.0 to 3.0), 4 Pa"
+    assert sentence == ("Break above: covered 100 % of that time, longest time not covered 0 s, whatever is uncertain.")
     cell, sentence = told(-0.3e-3, -2e-3, 0.5e-3)
-    assert cell == "bare by 0.3 mm (bare by 2.0 to covered by 0.5)"
-    assert sentence == "Break above: covered 0 % of that time (0 to 100 %), longest time bare 4 h (0 s to 4 h)."
-    assert told(-1e-3, -2e-3, -0.5e-3)[0] == "bare by 1.0 mm (2.0 to 0.5)"
+    assert cell == "borderline: oil edge 0.3 mm short of the break (2.0 short to 0.5 beyond)"
+    assert sentence == "Break above: covered 0 % of that time (0 to 100 %), longest time not covered 4 h (0 s to 4 h)."
+    assert told(-1e-3, -2e-3, -0.5e-3)[0] == "not covered: oil edge 1.0 mm short of the break (2.0 to 0.5)"
+
+
+@pytest.mark.thorough
+def test_the_least_covered_macula_is_told_first_and_times_are_those_of_a_clock(folder):
+    found = sequence.sequence_of(scene_file(folder, DAY.replace("prone, head_up: -45 deg", "supine, head_up: 30 deg")))
+    macula = sequence.sentences(found)[1]
+    least = min(hold.shares["macula"] for hold in found.holds)
+    assert macula == f"Of the macula it touches {100 * least:.0f} % at least: supine, head up 30 deg, for 54 min."
+    assert [row[:2] for row in sequence.rows(found)] == [("0:00", "1:00"), ("1:06", "2:00"), ("2:06", "4:00")]
+    alone = dataclasses.replace(found, holds=found.holds[:1])
+    assert sequence.sentences(alone)[1] == "It touches all of the macula throughout."
 
 
 @pytest.mark.thorough
@@ -110,7 +120,8 @@ def test_a_scene_without_a_shape_at_rest_is_refused(folder, text, base, sentence
 def test_the_stage_writes_a_page_with_a_map_of_every_posture(folder, tmp_path):
     plan.main(["--sequence", str(scene_file(folder, DAY)), "--output", str(tmp_path / "day.html")])
     text = (tmp_path / "day.html").read_text()
-    assert text.count("data:image/webp") == 2 and "head down 45 deg" in text
+    assert text.count("data:image/webp") == 2 and "right eye, prone, head down 45 deg" in text
+    assert "above: not covered" in text and "not the inverted view of indirect ophthalmoscopy" in text
     assert "not for decisions on a patient" in text
     with pytest.raises(UserError, match="no such file"):
         plan.main(["--sequence", str(folder / "nowhere.yaml")])

@@ -179,15 +179,20 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
     """As a surgeon asks: light oil upright first, whatever needs least; the edge of the tables is a bound."""
     asked = question(read_break("6h,60deg", "2h"), margin=0.5e-3, oils=load_settings()[0].oils, chosen=postures())
     found = answers(asked, tables, 11.3e-3)
-    light, heavy = report.verdict(asked, found)
+    least, light, heavy = report.verdicts(asked, found)
+    assert least == ("Least of all: heavy oil (Densiron 68), patient upright: 50 % of the cavity is enough (less was "
+                     "not looked at).")
     assert light == ("Light oil (silicone oil 1000, 1300, 2000 and 5000), patient upright: 93 % (92 to 96 %) of the "
-                     "cavity, perhaps more than the 95 % that can be filled in; least when prone, 67 % (62 to 74 %); "
-                     "not covered when supine.")
-    assert heavy == ("Heavy oil (Densiron 68), patient upright: at most 50 % of the cavity; not covered "
-                     "when prone.")
+                     "cavity, perhaps more than the 95 % that are taken as the most; least when prone, 67 % (62 to "
+                     "74 %) of the cavity; borderline with 95 % when supine.")
+    assert heavy == ("Heavy oil (Densiron 68), patient upright: 50 % of the cavity is enough (less was not looked at); "
+                     "borderline with 95 % when prone.")
+    assert report.reading(asked, found).startswith("At exactly a smallest fill the edge of the oil lies 0.5 mm beyond")
     lines = report.rows(asked, found)
     assert [line[0].partition(" (")[0] for line in lines] == 5 * ["light oil"] + 5 * ["heavy oil"]
-    assert lines[0][1:4] == ("prone", "67 %", "62 to 74 %") and report.not_covered(asked, found) == [4, 9]
+    assert lines[0][1:5] == ("prone", "covered", "67 %", "62 to 74 %")
+    assert [line[2] for line in lines] == [*3 * ["covered"], *2 * ["borderline"], *4 * ["covered"], "borderline"]
+    assert report.table(asked, found).count('class="marked"') == 3
     assert not any("_" in cell for line in lines for cell in line)
     shown = [answer.posture for same in report.by_oil(asked, found).values()
              for answer in report.shown_first(asked, same)]
@@ -242,7 +247,7 @@ def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     done = plan("--break", "6h,60deg", "--size", "2h", "--oil", "silicone_oil_1000", "--postures", "upright,prone")
     assert done.returncode == 0, done.stderr
     assert re.search(r"Light oil \(silicone oil 1000\), patient upright: 93 % \(\d+ to \d+ %\) of the cavity, perhaps "
-                     r"more than the 95 % that can be filled in; least when prone, 67 % ", done.stdout)
+                     r"more than the 95 % that are taken as the most; least when prone, 67 % ", done.stdout)
     assert "not for decisions on a patient" in done.stdout
     done = plan("--break", "6h,60deg", "--postures", "upright", "--oil", "silicone_oil_1000", "--output",
                 tmp_path / "plan.html", "--confirm", "config/scenes/confirming.yaml", folder=project.folder)
@@ -250,6 +255,8 @@ def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     assert load_scene(project.folder / "config" / "scenes" / "confirming.yaml").breaks[0].name == "planned"
     html = (tmp_path / "plan.html").read_text()
     assert "not for decisions on a patient" in html and html.count("data:image/webp") == 1
+    assert "right eye, light oil, upright: " in html and "on the map: <b>borderline at " in html
+    assert "not the inverted view of indirect ophthalmoscopy" in html
     places = [html.index(words) for words in ("patient upright: ", "<figure>", "<details", "<table>", "was assumed")]
     assert places == sorted(places), "the answer, the map, and all else on a click"
 
@@ -266,7 +273,7 @@ def test_clock_hours_go_around_at_twelve(place, meridian):
 def test_what_cannot_be_covered_is_said():
     done = plan("--break", "6h,100deg", "--size", "3h", "--oil", "silicone_oil_1000", "--postures", "upright")
     assert done.returncode == 0, done.stderr
-    assert "The break cannot be covered" in done.stdout
+    assert "The break cannot be covered" in done.stdout and "At exactly" not in done.stdout
 
 
 def test_a_confirming_scene_is_a_scene(tables, tmp_path):
