@@ -9,9 +9,9 @@ import numpy as np
 from pipeline.base import page
 from pipeline.base.numbers import plain
 from pipeline.base.tables import TIME
-from pipeline.base.words import duration, in_a_row
+from pipeline.base.words import NO_ADVICE, duration, in_a_row
 from pipeline.comparison.levels import ALL_CORES, BESIDE_COST, CLOCK, Change, cost, in_short, last_pictures, of_level
-from pipeline.measures.least_energy import LeastEnergy
+from pipeline.measures.least_energy import RESTING, LeastEnergy
 from pipeline.pictures.moments import read_picture, scaled
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.effects import illustration_in_words
@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 
 def rows_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[list[str], list[list[str]]]:
     """Return heads and rows of the table: the cost, then every metric."""
-    heads = ["what", "unit", *(run.level for run in runs), "minimum energy", "largest difference", "at [s]",
+    heads = ["what", "unit", *(run.level for run in runs), RESTING, "largest difference", "at [s]",
              "of its extent"]
     lines = []
     costs = [cost(run) for run in runs]
@@ -42,11 +42,11 @@ def rows_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[list[st
 def price_table(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[list[str], list[list[str]]]:
     """Return heads and rows of what accuracy costs: a row for every level, its cost first, then what it tells."""
     first = [one for one in found if one.drawn][:BESIDE_COST]
-    heads = ["level", "particle spacing", "particles", "time steps", "computing time, all cores", "by the clock"]
+    heads = ["level", "resolution", "particles", "time steps", "computing time, all cores", "by the clock"]
     heads += [f"{one.name}{one.unit and f' [{one.unit}]'}" for one in first]
     off = first[0] if first and first[0].at_rest is not None else None
     if off is not None:
-        heads.append("whole less minimum energy [points]")
+        heads.append(f"whole less {RESTING} [percentage points]")
     lines = []
     for number, run in enumerate(runs):
         numbers = cost(run)
@@ -58,14 +58,14 @@ def price_table(runs: Sequence[RunFolder], found: Sequence[Change]) -> tuple[lis
         if off is not None:
             lines[-1].append(f"{off.values[number] - off.at_rest:+.1f}")
     if any(one.at_rest is not None for one in first):
-        lines.append(["minimum-energy shape", *[""] * 5,
+        lines.append([RESTING, *[""] * 5,
                       *("" if one.at_rest is None else one.curve.beside(one.at_rest, one.ends[-1]) for one in first),
                       *[""] * (off is not None)])
     return heads, lines
 
 
 def price_chart(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[Chart]:
-    """Return the chart of how far the covered retina is from minimum energy against computing time; none without."""
+    """Return the chart of how far the covered retina is from the resting shape against computing time; none without."""
     costs = [cost(run).get(ALL_CORES, 0.0) / 60.0 for run in runs]
     drawn = []
     for one in found:
@@ -76,12 +76,12 @@ def price_chart(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[Char
                             [f"{runs[k].level}: {plain(abs(one.values[k] - one.at_rest), 1)}" for k in order]))
     if not drawn:
         return []
-    return [Chart("distance of the covered retina from minimum energy", "points", "computing time, all cores [min]",
-                  np.sort(costs), drawn, logarithmic=True)]
+    return [Chart(f"distance of the covered retina from the {RESTING}", "percentage points",
+                  "computing time, all cores [min]", np.sort(costs), drawn, logarithmic=True)]
 
 
 def curves_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[Chart]:
-    """Return a chart for every metric that is drawn, with a curve for every level and a line for minimum energy."""
+    """Return a chart for every metric that is drawn, with a curve for every level and a line for the resting shape."""
     times = np.unique(np.round(np.concatenate([run.table[TIME] for run in runs]), 9))
     starts = np.cumsum([0, *(len(run.table[TIME]) for run in runs)])
     drawn = []
@@ -97,7 +97,7 @@ def curves_of(runs: Sequence[RunFolder], found: Sequence[Change]) -> list[Chart]
             series.append(Series(run.level, values, texts, half if (half > 0.0).any() else None))
         if one.at_rest is not None:
             rest = one.curve.beside(one.at_rest, one.ends[-1])
-            series.append(Series("minimum energy", np.full(len(times), one.at_rest), [rest] * len(times)))
+            series.append(Series(RESTING, np.full(len(times), one.at_rest), [rest] * len(times)))
         drawn.append(Chart(one.name, one.unit, "simulated time [s]", times, series, one.metric.metric.limits,
                            events=[(event.words, event.begin, event.end) for event in runs[0].events]))
     return drawn
@@ -115,8 +115,9 @@ def page_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequen
     marked = [first + number for number, one in enumerate(found) if one.drawn and one.share >= MARKED]
     price_heads, price = price_table(runs, found)
     body = page.filled(
-        __file__, short=in_short(runs, found), illustrated=illustrated,
-        price=page.table(price_heads, price), price_chart=charts(price_chart(runs, found), "price"),
+        __file__, short=in_short(runs, found), no_advice=NO_ADVICE if runs[0].scene.container is None else "",
+        illustrated=illustrated, price=page.table(price_heads, price),
+        price_chart=charts(price_chart(runs, found), "price"),
         resting=_resting_in_words(resting), pictures=pictures, curves=charts(curves_of(runs, found)),
         table=page.details(
             "All metrics", page.paragraph(
@@ -133,6 +134,4 @@ def page_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Sequen
 def _resting_in_words(resting: LeastEnergy | None) -> str:
     if resting is None:
         return ""
-    return (f"Minimum energy: where oil of the same fill ({100.0 * resting.fill:.1f} %) and posture "
-            f"({resting.posture}) is at rest, computed without particles. A run that is not at rest yet has another "
-            "share.")
+    return f"{resting.explained()} A run that is not at rest yet has another share."

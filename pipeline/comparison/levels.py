@@ -11,7 +11,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.sequences import number_of
 from pipeline.base.tables import TIME
 from pipeline.base.words import in_a_row
-from pipeline.measures.least_energy import COVERED
+from pipeline.measures.least_energy import COVERED, RESTING
 from pipeline.measures.shown import Curve, Shown, shown_metrics
 from pipeline.runs.run_folder import RunFolder
 from pipeline.simulation.cost_files import seconds_of
@@ -170,7 +170,7 @@ def in_short(runs: Sequence[RunFolder], found: Sequence[Change]) -> str:
     known = [one for one in found if one.drawn and one.at_rest is not None]
     most = sorted((one for one in found if one.drawn), key=lambda one: -one.share)[:BESIDE_COST]
     parts = [f"{one.name} {in_a_row([one.curve.text(end) for end in one.ends])} {one.unit}".rstrip() + (
-        "" if one.at_rest is None else f" (minimum energy: {one.curve.beside(one.at_rest, one.ends[-1])} {one.unit})")
+        "" if one.at_rest is None else f" ({RESTING}: {one.curve.beside(one.at_rest, one.ends[-1])} {one.unit})")
         for one in known or most]
     costs = [cost(run).get(ALL_CORES, 0.0) for run in runs]
     price = ""

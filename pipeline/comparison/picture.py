@@ -8,6 +8,7 @@ from pipeline.base.canvas import empty_figure
 from pipeline.base.palette import curve_style
 from pipeline.base.tables import TIME
 from pipeline.comparison.levels import Change, last_pictures, of_level
+from pipeline.measures.least_energy import RESTING
 from pipeline.pictures.picture_grid import as_png
 from pipeline.runs.run_folder import RunFolder
 
@@ -40,7 +41,7 @@ def picture_of(runs: Sequence[RunFolder], rows: Sequence[np.ndarray], found: Seq
             axes.plot(each.table[TIME], one.curve.values[starts[number]:starts[number + 1]], lw=1.6, label=each.level,
                       **curve_style(number))
         if one.at_rest is not None:
-            axes.axhline(one.at_rest, color="black", lw=1.0, ls=":", label="minimum energy")
+            axes.axhline(one.at_rest, color="black", lw=1.0, ls=":", label=RESTING)
         axes.set_title(f"{one.name}{one.unit and f' [{one.unit}]'}", loc="left", fontsize=10)
         axes.grid(alpha=0.3)
         axes.margins(x=0.02)

@@ -20,6 +20,7 @@ from sim.effects.effect import MIXES
 from sim.effects.parts.postures import words_of
 
 COVERED = "retina_coverage"  # the metric that it stands beside
+RESTING = "calculated resting shape"    # for readers
 FILLS = (0.02, 0.995)  # beyond them there is as good as nothing, or all, to touch
 
 
@@ -42,7 +43,12 @@ class LeastEnergy:
         """Return it in one sentence."""
         parts = ", ".join(f"{share:.1f} % ({name})" for name, share in self.shares.items())
         return (f"at rest, {self.posture}, this fill of {100.0 * self.fill:.1f} % touches {parts} of the retina: the "
-                "shape of least energy")
+                f"{RESTING}")
+
+    def explained(self) -> str:
+        """Return what the shape is that stands beside a run."""
+        return (f"{RESTING[:1].upper()}{RESTING[1:]}: where oil of the same fill ({100.0 * self.fill:.1f} %) and "
+                f"posture ({self.posture}) is at rest, in the shape of least energy, computed without particles.")
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "LeastEnergy":

@@ -11,11 +11,11 @@ from pipeline.measures.places import FARTHEST
 from pipeline.scenes.eye_shape import globe_of
 from pipeline.scenes.model import Scene
 
-HEADS = ("break", "where", "at the end", "first covered", "longest time bare", "covered of the time")
+HEADS = ("break", "where", "at the end", "first covered", "longest time not covered", "covered of the time")
 EXPLAINED = ("A break is covered when all of it is under oil. In brackets, what a number may be: half a particle "
              "spacing decides. Between frames the contact line is taken to move evenly.")
 IN_A_LAPSE = ("Times are those that the time-lapse stands for. The liquids settle in their own time, which looks far "
-              "longer than it is: times bare just after a turn are too long.")
+              "longer than it is: times not covered just after a turn are too long.")
 Spans = list[tuple[float, float]]
 
 
@@ -70,16 +70,16 @@ class Course:
         """Whether it is covered at the end, in words."""
         value, doubt = self.margin
         if abs(value) >= 1e3 * FARTHEST:
-            return f"{'covered' if value > 0.0 else 'bare'}, as is all of the wall"
+            return f"{'covered' if value > 0.0 else 'not covered'}, as is all of the wall"
         if abs(value) < doubt:
             return "uncertain (less than half a particle spacing decides)"
         return f"covered, and the oil reaches {value:.1f} mm beyond" if value > 0.0 else (
-            f"bare in part: the oil would have to reach {-value:.1f} mm further")
+            f"not covered in part: the oil would have to reach {-value:.1f} mm further")
 
     def sentence(self) -> str:
         """Return it in one sentence."""
         first = "never covered" if np.isnan(self.times.first_covered) else f"first covered after {self._first()}"
-        return (f"Break {self.name.replace('_', ' ')}: at the end {self.at_end}; {first}, longest time bare "
+        return (f"Break {self.name.replace('_', ' ')}: at the end {self.at_end}; {first}, longest time not covered "
                 f"{self._bare()}, covered {self._share()} of the time.")
 
     def cells(self) -> tuple[str, ...]:

@@ -71,12 +71,12 @@ def rest_in_words(table: Mapping[str, np.ndarray], events: Iterable[Event] = (),
     part = max(found, key=lambda name: abs(found[name][0]) + found[name][1])
     rate, error = found[part]
     still = at_rest(table, events)
-    known = "at rest" if still else "not known to be at rest" if rests(rate, error) else "not at rest"
+    known = "nearly at rest" if still else "not known to be at rest" if rests(rate, error) else "not at rest"
     said = (f"{known}: in the last {table['time [s]'][-1] - since:.3g} s the covered share of the retina ({part}) "
-            f"changes by {rate:+.2f} ± {error:.2f} points per second; rest is below "
+            f"changes by {rate:+.2f} ± {error:.2f} percentage points per second; rest is below "
             f"{REST_RATE:g} for {REST_WINDOW:g} s")
     if ended:
-        said += ("; oil that creeps along the wall may need minutes all the same" if still else
+        said += ("; oil that creeps along the wall may go on for minutes all the same" if still else
                  "; a longer output.duration follows it further")
     return said
 

@@ -16,6 +16,7 @@ OF_EYE = ((COVERED, "whole", "of the retina is under oil"),
           (COVERED, "inferior", "of its inferior half"), (COVERED, "macula", "of the macula"),
           ("emulsion", "whole", "of emulsion"))
 MOST = 4
+NARROW = "\u00a0"     # a space that breaks no line
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Headline:
     ----------
     meaning : what it is.
     sure : whether its uncertainty is known.
-    at_rest : the same number at rest, of least energy; empty where that is not known.
+    at_rest : the same number at rest, of least energy, and how much less or more this run has; empty where that is not
+        known.
     """
 
     number: str
@@ -87,5 +89,10 @@ def headlines(shown: Sequence[Shown], of_eye: bool, resting: LeastEnergy | None 
 
 
 def _headline(one: Shown, curve: Curve, meaning: str, at_rest: float | None = None) -> Headline:
-    beside = "" if at_rest is None else f"{curve.beside(at_rest, -1)} {one.unit}"
+    beside = ""
+    if at_rest is not None:
+        less = curve.beside(abs(curve.values[-1] - at_rest), -1)
+        apart = "the same here" if float(less) == 0.0 else (
+            f"{less} percentage points {'less' if curve.values[-1] < at_rest else 'more'} here")
+        beside = f"{curve.beside(at_rest, -1)}{NARROW}{one.unit}, {apart}"
     return Headline(f"{curve.text(-1)} {one.unit}".strip(), meaning, bool(np.isfinite(curve.uncertainty[-1])), beside)

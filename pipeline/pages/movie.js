@@ -1,7 +1,16 @@
 // The movie of a page: picture by picture, and enlarged. Safari plays no movie from a data URL, so it becomes a file here.
+const BUTTONS = 72;  // pixels
+
 function showMovie(root) {
   const video = root.querySelector("video");
   const bytes = Uint8Array.from(atob(video.getAttribute("src").split(",")[1]), letter => letter.charCodeAt(0));
+  // The buttons of the browser lie over the foot of a video: it is made higher than its picture, whose legend is there.
+  const makeRoom = () => {
+    const height = video.clientWidth * video.videoHeight / video.videoWidth;
+    if (height) video.style.aspectRatio = `${video.clientWidth} / ${height + BUTTONS}`;
+  };
+  video.addEventListener("loadedmetadata", makeRoom);
+  addEventListener("resize", makeRoom);
   video.poster = root.querySelector("img").src;  // which is printed in its place
   video.src = URL.createObjectURL(new Blob([bytes], {type: "video/mp4"}));
   root.querySelectorAll("[data-step]").forEach(button => button.addEventListener("click", () => {

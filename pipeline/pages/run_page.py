@@ -10,11 +10,12 @@ from pipeline.advice.report import DISCLAIMER, HEADINGS, Report
 from pipeline.base import page
 from pipeline.base.tables import TIME
 from pipeline.base.usage import KINDS
-from pipeline.base.words import duration, in_a_row, memory
+from pipeline.base.words import NO_ADVICE, duration, in_a_row, memory
 from pipeline.forecast.expected_error import ExpectedError
 from pipeline.forecast.retina_error import UNIT
 from pipeline.measures.charts import bars_of_metrics, curves
 from pipeline.measures.events import Event, fill_in_table
+from pipeline.measures.least_energy import RESTING
 from pipeline.measures.metric import LAST
 from pipeline.measures.place_course import courses_of
 from pipeline.measures.rest import rest_in_words
@@ -41,8 +42,7 @@ from sim.liquid import GAS_DENSITY
 
 HERE = Path(__file__).parent
 POSTER_WIDTH = 800
-ILLUSTRATION = ("This illustrates the physics; it is no prediction for a patient: nothing was compared with clinical "
-                "data.")
+NOT_COMPARED = "Nothing was compared with clinical data."
 NOT_IN_AN_EYE = "No scene has the vitreous, or a wall and a retina that give"
 NO_FILMS = ", or films of aqueous thinner than the particle spacing"
 FILMS_TOLD = (". Films of aqueous thinner than the particle spacing are not simulated: theory tells where they are and "
@@ -72,7 +72,7 @@ def page_of(run: RunFolder, *, shown: Sequence[Shown], advice: Report, errors: S
     body = page.filled(
         __file__, of_eye=scene.container is None, unfinished=_unfinished(run),
         description=page.paragraph(scene.description) + (page.paragraph(page.bold(scene.label)) if scene.label else ""),
-        still=_still(run), numbers=found, said=_said(run, found, events, errors),
+        still=_still(run), numbers=found, resting=RESTING, no_advice=NO_ADVICE, said=_said(run, found, events, errors),
         breaks=Markup("\n").join(page.paragraph(page.bold(one.sentence())) for one in courses_of(run.table, scene)),
         movie=_movie(run), timeline=_timeline(run, sources), fundus=_fundus(run), view=_view(run),
         yes_or_no=bars_drawn, curves=charts(curves(shown, time, events)),
@@ -101,26 +101,26 @@ def _said(run: RunFolder, found: Sequence[Headline], events: Sequence[Event], er
     """What the first numbers are, and how sure."""
     scene, illustrated, resting = run.scene, illustration_in_words(run.scene), run.least_energy
     said = [f"At the end ({clock(run.table[TIME][-1], scene.output.second_means)}), at accuracy {scene.accuracy}: "
-            f"{1e3 * scene.numerics.particle_spacing:g} mm between particles."]
+            f"a resolution of {1e3 * scene.numerics.particle_spacing:g} mm."]
     if illustrated:
         said.append(f"{illustrated}; they are in the tables below.")
     elif found and not any(one.sure for one in found):
         said.append("The uncertainty of these numbers is unknown; the errors to expect are below.")
     rest = "" if illustrated else rest_in_words(run.table, events)
     rest = f"{rest[:1].upper()}{rest[1:]}." if rest else ""
-    if rest and not rest.startswith("At rest"):
+    if rest and not rest.startswith("Nearly at rest"):
         rest = page.bold(rest)
     parts = [page.paragraph(*said), page.paragraph(rest)]
     notes = []
     if any(one.at_rest for one in found):
-        notes.append(f"Minimum-energy shape: where oil of the same fill ({100.0 * resting.fill:.1f} %) and posture "
-                     f"({resting.posture}) is at rest, computed without particles.")
+        notes.append(resting.explained())
     if any(one.sure for one in found):
-        notes.append("±: reading uncertainty, half a particle spacing at the contact line. The error of the shape "
+        notes.append("±: reading uncertainty, half a particle spacing at the edge of the oil. The error of the shape "
                      "itself comes on top.")
-    notes += [f"At this level the covered retina at rest is {one.words} ({one.source})."
+    notes += [f"At this level the covered retina at rest is {one.words} ({one.source}). That is of the whole retina: "
+              "for its halves and the macula no bound is known, and they may be farther off."
               for one in errors if one.unit == UNIT and not illustrated]
-    notes += [ILLUSTRATION] * (scene.container is None)
+    notes += [NOT_COMPARED] * (scene.container is None)
     return Markup("\n").join([*(one for one in parts if one), page.paragraph(*notes)])
 
 
@@ -163,7 +163,7 @@ def _view(run: RunFolder) -> dict[str, object] | None:
     if run.scene.dimension == 2:
         return None
     view = view_within(run)
-    return {"last": len(view["frames"]) - 1, "legends": [mesh.pop("legend") for mesh in view["meshes"]],
+    return {"last": len(view["frames"]) - 1, "legends": [(mesh.pop("legend"), mesh["wall"]) for mesh in view["meshes"]],
             "views": [words for words, _ in view["views"]],
             "script": library("three.min.js") + called("viewer.js", "showTurningView", ".turning", view)}
 
@@ -177,9 +177,10 @@ def _fundus(run: RunFolder) -> dict[str, object] | None:
     films = f" Level stripes of pale blue: {kind} on a thin film of aqueous." if knows_films(scene) else ""
     left = side_word(False, scene.eye.side == "right")
     return {"maps": list(fundus_strip(run)), "words": page.paragraph(
-        f"The {scene.eye.side} eye as its examiner sees it and a fundus photograph shows it, superior above and {left} "
-        f"on the left: macula in the middle; circles at the equator, the ora "
-        f"serrata and the front of the pars plana. Colors are those of the movie.{films}")}
+        f"The {scene.eye.side} eye as its examiner sees it and a fundus photograph shows it (not the inverted view of "
+        f"indirect ophthalmoscopy), superior above and {left} on the left: macula in the middle; circles at the "
+        "equator, the ora serrata and the front of the pars plana; the pale rim beyond the ora serrata is no retina. "
+        f"Colors are those of the movie.{films}")}
 
 
 def _metrics(shown: Sequence[Shown]) -> list[Markup]:

@@ -114,7 +114,7 @@ def _verdict(record: dict[str, Any], question: Question, answer: Answer, level: 
     """Whether a simulation agrees with an answer."""
     margin, doubt = record["margin_at_end [mm]"], record["uncertainty [mm]"]
     found = (f"at its end the oil reaches {margin:.1f} ± {doubt:.1f} mm beyond the break" if margin > 0.0 else
-             f"at its end the break is bare by {-margin:.1f} ± {doubt:.1f} mm")
+             f"at its end the oil ends {-margin:.1f} ± {doubt:.1f} mm short of the far edge of the break")
     covers = answer.covers(question.largest_fill)
     planned = (f"planned was that it reaches {1e3 * question.margin:g} mm beyond" if covers else
                "planned was that this fill does not cover it")
@@ -122,5 +122,5 @@ def _verdict(record: dict[str, Any], question: Question, answer: Answer, level: 
         return f"The simulation ({level}) cannot tell: {found}; {planned}. A finer level can."
     agrees = (margin > 0.0) == covers
     known = (" Simulations are known to touch less of the retina than oil at rest (docs/results/eye.md), so a break "
-             "that is bare tells less than one that is covered.") if covers and not agrees else ""
+             "that is not covered tells less than one that is covered.") if covers and not agrees else ""
     return f"The simulation ({level}) {'agrees' if agrees else 'does not agree'}: {found}; {planned}.{known}"

@@ -19,8 +19,7 @@ function showCharts(root, charts) {
   function drawEvents(plot, chart) {
     const {ctx, bbox} = plot, ratio = devicePixelRatio;
     ctx.save();
-    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
-    for (const [words, begin, end] of chart.events) {
+    for (const [, begin, end] of chart.events) {
       const left = plot.valToPos(begin, "x", true), right = plot.valToPos(end, "x", true);
       if (left < bbox.left || left > bbox.left + bbox.width) continue;
       ctx.fillStyle = ctx.strokeStyle = color("--faint");
@@ -28,7 +27,24 @@ function showCharts(root, charts) {
       ctx.fillRect(left, bbox.top, Math.max(right - left, 0), bbox.height);
       ctx.globalAlpha = 1;
       ctx.fillRect(left, bbox.top, ratio, bbox.height);
-      ctx.translate(end > begin ? left + 11 * ratio : left - 4 * ratio, bbox.top + 4 * ratio);
+    }
+    ctx.restore();
+  }
+
+  // Over the curves, and below each other where they are near.
+  function nameEvents(plot, chart) {
+    const {ctx, bbox} = plot, ratio = devicePixelRatio, named = [];
+    ctx.save();
+    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+    for (const [words, begin, end] of chart.events) {
+      const left = plot.valToPos(begin, "x", true), at = end > begin ? left + 11 * ratio : left - 4 * ratio;
+      if (left < bbox.left || left > bbox.left + bbox.width) continue;
+      const length = ctx.measureText(words).width;
+      let top = bbox.top + 4 * ratio;
+      for (const one of named) if (Math.abs(one.at - at) < 13 * ratio) top = Math.max(top, one.foot + 8 * ratio);
+      named.push({at, foot: top + length});
+      ctx.fillStyle = color("--faint");
+      ctx.translate(at, top);
       ctx.rotate(-Math.PI / 2);
       ctx.textAlign = "right";
       ctx.lineWidth = 3 * ratio;
@@ -76,6 +92,7 @@ function showCharts(root, charts) {
         }))],
       hooks: {
         drawClear: [self => drawEvents(self, chart)],
+        draw: [self => nameEvents(self, chart)],
         drawSeries: [(self, number) => drawBand(self, chart, number)],
         setCursor: [self => { if (self.cursor.idx === null || self.cursor.left < 0) self.setLegend({idx: last}); }],
       },

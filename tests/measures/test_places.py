@@ -140,7 +140,7 @@ def test_a_course_tells_when_and_how_sure(ball):
     assert "never covered" in below.sentence() and below.record()["times [s]"]["first_covered"] is None
     assert below.record()["times [s]"]["longest_bare"] == 1.0
     lapse = dataclasses.replace(scene, output=dataclasses.replace(scene.output, second_means=14400.0))
-    assert "longest time bare 2 h" in courses_of(table, lapse)[0].sentence()
+    assert "longest time not covered 2 h" in courses_of(table, lapse)[0].sentence()
 
 
 # Where they are
@@ -213,8 +213,8 @@ def test_the_stage_writes_columns_bars_and_when_breaks_were_covered(ball, tmp_pa
     assert 0.0 < above["times [s]"]["first_covered"] < 0.3 and below["times [s]"]["first_covered"] is None
     assert (tmp_path / "plots" / "break_covered.png").is_file()
     page = (tmp_path / "metrics.html").read_text()
-    assert "longest time bare" in page and "12 o&#39;clock (superior)" in page
-    assert "Break below: at the end bare in part" in capsys.readouterr().out
+    assert "longest time not covered" in page and "12 o&#39;clock (superior)" in page
+    assert "Break below: at the end not covered in part" in capsys.readouterr().out
 
 
 def test_a_map_shows_the_break_in_its_place(ball):

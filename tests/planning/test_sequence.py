@@ -166,7 +166,8 @@ def test_before_the_simulation_its_command_is_told(asked):
 @pytest.mark.parametrize(("margin", "covers", "words"), [
     (1.2, True, "(draft) agrees: at its end the oil reaches 1.2 ± 0.5 mm beyond the break; planned was that it reaches "
                 "0.5 mm beyond"),
-    (0.3, True, "cannot tell"), (-2.0, True, "does not agree: at its end the break is bare by 2.0 ± 0.5 mm"),
+    (0.3, True, "cannot tell"),
+    (-2.0, True, "does not agree: at its end the oil ends 2.0 ± 0.5 mm short of the far edge of the break"),
     (-2.0, False, "agrees"), (2.0, False, "does not agree")])
 def test_after_the_simulation_it_is_told_whether_it_agrees(asked, margin, covers, words):
     question, answer, path, run = asked
@@ -181,7 +182,7 @@ def test_a_simulation_that_is_not_at_rest_is_named(asked):
     simulated(path, run, 1.2, rate=-2.0)
     _, sentence = confirm.confirmation(path, question, answer, run.parents[1])
     assert sentence.startswith("It is not at rest: in the last 3 s the covered share of the retina (inferior) "
-                               "changes by -2.00 ± 0.00 points per second")
+                               "changes by -2.00 ± 0.00 percentage points per second")
 
 
 @pytest.mark.parametrize("name", ["silicone_oil_1000", "heavy_oil_densiron_68"])

@@ -104,7 +104,7 @@ def test_stage_writes_page_picture_and_table_beside_the_levels(level, tmp_path, 
     assert "standard took 1.5 times the computing time of draft (all cores)" in capsys.readouterr().out
 
 
-def test_page_tells_first_what_accuracy_costs_beside_minimum_energy(level, tmp_path, capsys):
+def test_page_tells_first_what_accuracy_costs_beside_the_resting_shape(level, tmp_path, capsys):
     levels = (("draft", 1.0, 16.0), ("standard", 4.0, 16.5), ("fine", 20.0, 16.9))
     compare.main([str(level(name, factor=factor, covered=covered)) for name, factor, covered in levels])
     page = (tmp_path / "tiny" / "compare_draft_standard_fine.html").read_text()
@@ -112,8 +112,8 @@ def test_page_tells_first_what_accuracy_costs_beside_minimum_energy(level, tmp_p
     rows = {row[0]: row[1:] for row in cells if row}
     assert rows["draft"] == ["2 mm", "631", "150", "5 s", "3 s", "64 ± 4", "40", "4", "-3.7"]
     assert rows["standard"][3:6] == ["20 s", "12 s", "66 ± 4"] and rows["fine"][-1] == "-0.1"
-    assert rows["minimum-energy shape"] == [*[""] * 5, "68", "", "", ""]  # in the digits of the column
-    assert page.index("minimum-energy shape") < page.index("data:image/webp") < page.index("All metrics")
+    assert rows["calculated resting shape"] == [*[""] * 5, "68", "", "", ""]  # in the digits of the column
+    assert page.index("calculated resting shape") < page.index("data:image/webp") < page.index("All metrics")
     assert page.count("<figcaption>draft: 2 mm") == page.count("<figcaption>fine: 2 mm") == 1
     said = capsys.readouterr().out
     assert "standard took 4 times and fine took 20 times the computing time of draft (all cores)" in said

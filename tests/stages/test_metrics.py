@@ -318,11 +318,11 @@ def table_of(coverage):
 
 def test_scene_says_whether_it_is_at_rest():
     settling = table_of(lambda t: 60.0 + 5.0 * np.exp(-2.0 * t))  # by 0.22 points per second on average from 1 to 4 s
-    assert rest.rest_in_words(settling).startswith("at rest: in the last 3 s the covered share")
+    assert rest.rest_in_words(settling).startswith("nearly at rest: in the last 3 s the covered share")
     assert rest.at_rest(settling)
     moving = table_of(lambda t: 60.0 + 3.0 * t) | {"retina_coverage_inferior [%]": 30.0 - 4.0 * np.linspace(0, 4, 41)}
-    assert rest.rest_in_words(moving).startswith("not at rest") and "(inferior) changes by -4.00 ± 0.00 points" in (
-        rest.rest_in_words(moving))
+    words = rest.rest_in_words(moving)
+    assert words.startswith("not at rest") and "(inferior) changes by -4.00 ± 0.00 percentage points" in words
     short = {name: values[:4] for name, values in moving.items()}
     assert rest.rest_in_words(short) == rest.rest_in_words({"time [s]": np.linspace(0.0, 2.0, 21)}) == ""
     assert not rest.at_rest(moving) and not rest.at_rest(short)
@@ -350,7 +350,8 @@ def test_what_moved_the_oil_before_does_not_count_as_its_unrest():
     """A scene that ends a second after a turn tells of that second, and that it is too short."""
     turned = table_of(lambda t: np.where(t < 3.0, 20.0 * t, 60.0 + 0.1 * t))
     words = rest.rest_in_words(turned, [Event("a turn", 2.5, 3.0)])
-    assert words.startswith("not known to be at rest: in the last 1 s") and "changes by +0.10 ± 0.00 points" in words
+    assert words.startswith("not known to be at rest: in the last 1 s")
+    assert "changes by +0.10 ± 0.00 percentage points" in words
 
 
 def test_every_metric_is_explained(capsys):

@@ -117,13 +117,19 @@ def test_page_holds_all_that_it_shows(index):
 @pytest.mark.thorough
 def test_page_says_first_what_people_ask_for(index):
     text = index.read_text()
-    numbers = re.findall(r"<li><b>([^<]*)</b> ([^<]*)<small>minimum-energy shape: ([^<]*)</small>", text)
+    numbers = re.findall(r"<li><b>([^<]*)</b> ([^<]*)<small>calculated resting shape: ([^<]*)</small>", text)
     assert [meaning.partition(":")[0] for _, meaning, _ in numbers] == [
         "of the retina is under oil", "of its inferior half", "of the macula"]
     assert re.search(r": it touches [\d.]+ %, [\d.]+ % are on a film of aqueous of [\d.]+ to \d+ µm$", numbers[0][1])
     assert all(re.fullmatch(r"\d+(\.\d)? ± \d+(\.\d)? %", number) for number, *_ in numbers)
+    for number, _, rest in numbers:     # what the run has less or more is the difference of what is shown
+        known, apart = re.fullmatch(r"([\d.]+)\u00a0%, (.*) here", rest).groups()
+        less = 0.0 if apart == "the same" else float(apart.partition(" percentage points ")[0])
+        assert less == pytest.approx(abs(float(number.partition(" ")[0]) - float(known)), abs=1.0)
+        assert apart == "the same" or apart.endswith("less") == (float(number.partition(" ")[0]) < float(known))
     places = [text.index(words) for words in (
-        'class="still"', "of the retina is under oil", "<video", "What was done to the eye", "Fundus over time",
+        "<b>This is an illustration of physics, not for decisions on a patient.</b>", 'class="still"',
+        "of the retina is under oil", "<video", "What was done to the eye", "Fundus over time",
         "<canvas", "<h2>Over time", "<h2>Numbers",
         "retina coverage whole</td>", "Numbers of the computation</summary>", "pressure iterations</td>",
         "<h2>Errors to expect", "<b>covered retina at rest: within 3 points", "Errors of simpler flows",
@@ -131,7 +137,8 @@ def test_page_says_first_what_people_ask_for(index):
         "tiny.yaml</summary>", "extends: tamponade", "tamponade.yaml</summary>")]
     assert places == sorted(places)
     assert "0.05 × real time, 1 picture per second, 5 in all, 5.5 s; the scene saves a frame every 0.05 s." in text
-    quote = "At this level the covered retina at rest is within 3 points of the retina (measured on tamponade)."
+    quote = "At this level the covered retina at rest is within 3 points of the retina (measured on tamponade). That is"
+    assert "for its halves and the macula no bound is known" in text
     assert text.index('class="numbers"') < text.index(quote) < text.index("<video")
 
 
@@ -294,6 +301,9 @@ def test_page_works_in_a_browser(index, tmp_path):
         played = """(async () => { const video = document.querySelector("video"); await video.play();
             await new Promise(done => video.addEventListener("timeupdate", done)); return video.duration; })()"""
         assert browser.run(played) > 4.0
+        room = ("(one => one.clientHeight - one.clientWidth * one.videoHeight / one.videoWidth)"
+                "(document.querySelector('video'))")
+        assert browser.run(room) > 50, "the buttons of the browser cover the legend of the movie"
         moved = """(async number => { const slider = document.querySelector("[data-time]");
             slider.value = number; slider.dispatchEvent(new Event("input"));
             await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
@@ -373,7 +383,7 @@ def test_headlines_name_what_covers_the_retina(density, word):
     assert [one.meaning for one in found] == [f"of the retina is under {word}"]
     resting = LeastEnergy(0.85, "upright", {"whole": 67.744})
     found = headlines_of(scene, shown_metrics(table, [Metric("retina_coverage", "%", "", None)]), resting)
-    assert [one.at_rest for one in found] == ["68 %"]
+    assert [one.at_rest for one in found] == ["68\u00a0%, 18 percentage points less here"]
     table |= {"retina_contact_whole [%]": np.array([40.0, 12.4]), "retina_film_whole [%]": np.array([0.0, 37.6]),
               "retina_film_thickness_smallest [um]": np.array([np.nan, 19.0]),
               "retina_film_thickness_largest [um]": np.array([np.nan, 223.0])}
