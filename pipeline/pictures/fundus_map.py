@@ -8,6 +8,7 @@ on the large canvas.
 Equations: docs/methods/pictures.md.
 """
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 
@@ -18,13 +19,25 @@ from scipy.spatial import Delaunay
 
 from pipeline.base.numbers import digits_of, plain, with_uncertainty
 from pipeline.cavity.regions import MACULA_RADIUS
-from pipeline.pictures.marks import FAINT_INK, INK, OVERSAMPLING, diamond, enlarged, final_pixels, level_lines, write
+from pipeline.pictures.marks import (
+    FAINT_INK,
+    INK,
+    OVERSAMPLING,
+    diamond,
+    enlarged,
+    final_pixels,
+    font,
+    level_lines,
+    write,
+)
 from pipeline.pictures.paint import OF_OIL, Paint, film_distance, wall_fractions
 from pipeline.scenes.retina import DISC_RISE, FRONT, ORA, globe_radius
 
 EQUATOR, PARS_PLANA = 90.0, FRONT    # degrees from the posterior pole
 # The disc lies 4.76 mm from the fovea [jonas2015, abstract] and is 1.77 mm wide [quigley1990, abstract].
 DISC_DISTANCE, DISC_RADIUS = 4.76e-3, 0.89e-3   # m
+ALONE = 1.65            # size of the words of a map that stands alone, over that in a picture with others
+ASIDE = 0.27            # rad, from the lowest point of a circle, at which its name stands
 HATCH = 1.0             # percent of the height: distance of the lines over what is uncertain
 STRIPES = (1.6, 0.5)    # percent of the height: distance and width of the stripes on films
 DECIMALS = 1            # digits after the point of a share, percent, at most: those of the page
@@ -76,10 +89,13 @@ class FundusMap:
     right_eye : whether temporal is the patient's right, the left of the map.
     outlines : name -> directions (k, 3) from the center of the globe, around a break of the retina.
     paint : colors of what touches the wall.
+    alone : the map is no part of a larger picture, nor of a movie: its words are larger, and keep off breaks and the
+        edge of the oil.
     """
 
     def __init__(self, vertices: np.ndarray, size: tuple[int, int], *, right_eye: bool = True, captions: bool = True,
-                 outlines: Mapping[str, np.ndarray] | None = None, paint: Paint = OF_OIL):
+                 outlines: Mapping[str, np.ndarray] | None = None, paint: Paint = OF_OIL, alone: bool = False):
+        self._alone, self._letters = alone, ALONE if alone else 1.0
         self._outlines, self.paint = outlines or {}, paint
         self.size, self.unit, self.right_eye, self.captions = size, size[1] / 100.0, right_eye, captions
         margin = (5.5 if captions else 2.0) * self.unit
@@ -138,24 +154,23 @@ class FundusMap:
         pen = ImageDraw.Draw(image)
         level = np.full(self.inside.shape, np.nan, np.float32)
         level[self.inside] = distance
+        drawn = []
         for edge in level_lines(level):
             away = OVERSAMPLING * (edge[:, ::-1] + 0.5) - self.center
             away *= np.minimum(1.0, self.scale * PARS_PLANA / np.hypot(*away.T))[:, None]      # to the rim, not over it
+            drawn.append(self.center + away)
             pen.line([tuple(point) for point in (self.center + away).tolist()], fill=INK,
                      width=max(2, round(0.75 * self.unit)), joint="curve")
         self._chart(pen)
-        for name, outline in self._outlines.items():
+        for outline in self._outlines.values():
             places = [tuple(map(float, self.place(point))) for point in outline]
             for color, width in ((HALO, 1.3), (BREAK_COLOR, 0.8)):
                 pen.line([*places, places[1]], fill=color, width=max(2, round(width * self.unit)), joint="curve")
-            if self.captions and name:
-                above = (np.mean(places, axis=0)[0], np.min(places, axis=0)[1] - 1.8 * self.unit)
-                write(pen, above, name.replace("_", " "), 2.4 * self.unit, anchor="mm", outline=True, bold=True,
-                      color=BREAK_COLOR)
+            drawn.append(np.array(places))
         for color, point in marks:
             diamond(pen, self.place(np.asarray(point, float)), 1.5 * self.unit, color)
         if self.captions:
-            self._captions(pen, quadrants or {})
+            self._captions(pen, quadrants or {}, drawn)
         return image
 
     def hatch_sample(self, size: tuple[int, int]) -> Image.Image:
@@ -205,8 +220,8 @@ class FundusMap:
             start, end = (self.center + self.scale * angle * direction for angle in (ORA - 8.0, PARS_PLANA))
             pen.line([tuple(start), tuple(end)], fill=FAINT_INK, width=max(1, round(thin)))
             if self.captions:
-                write(pen, self.center + (self.scale * PARS_PLANA + 2.4 * u) * direction, str(hour or 12), 2.6 * u,
-                      color=FAINT_INK, anchor="mm")
+                write(pen, self.center + (self.scale * PARS_PLANA + 2.4 * u) * direction, str(hour or 12),
+                      2.6 * self._letters**0.5 * u, color=FAINT_INK, anchor="mm")
         self._circle(pen, PARS_PLANA, FAINT_INK, thin)
         # Landmarks are thin lines, the edge of the oil is a thick one.
         for angle, center in ((ORA, (0.0, 0.0)), (EQUATOR, (0.0, 0.0)),
@@ -220,9 +235,9 @@ class FundusMap:
         x, y = (self.place(disc_direction(self.globe, self.right_eye)) - self.center) / self.scale
         return np.array([x, -y])
 
-    def _captions(self, pen: ImageDraw.ImageDraw, quadrants: dict[str, Coverage]) -> None:
+    def _captions(self, pen: ImageDraw.ImageDraw, quadrants: dict[str, Coverage], drawn: list[np.ndarray]) -> None:
         u, (width, _), reach = self.unit, self.size, self.scale * PARS_PLANA
-        text = 2.4 * u
+        text = 2.4 * u * self._letters
         left, right = ("temporal", "nasal") if self.right_eye else ("nasal", "temporal")
         for side, x, anchor in ((left, 1.0 * u, "l"), (right, width - 1.0 * u, "r")):
             for up, y in (("superior", self.center[1] - reach), ("inferior", self.center[1] + reach - 2.6 * text)):
@@ -232,10 +247,41 @@ class FundusMap:
                     bold = line.endswith("%")
                     write(pen, (x, y + 1.2 * text * row), line, (1.2 if bold else 0.9) * text, bold=bold,
                           color=INK if bold else FAINT_INK, anchor=f"{anchor}m")
-        for name, place in (("disc", self._disc + np.array([0.0, -9.0])), ("macula", np.array([0.0, -20.0])),
-                            ("equator", (EQUATOR - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)])),
-                            ("ora serrata", (ORA - 8.0) * np.array([np.sin(0.27), -np.cos(0.27)]))):
-            write(pen, self.center + self.scale * place * [1.0, -1.0], name, 2.2 * u, anchor="mm", outline=True)
+        busy = [_dense(line, u) for line in drawn]
+        for name, outline in self._outlines.items():
+            if name:
+                places = np.array([self.place(point) for point in outline])
+                (left, top), (right, foot) = places.min(axis=0), places.max(axis=0)
+                middle, gap = places.mean(axis=0), 0.75 * text
+                words = name.replace("_", " ")
+                aside = 0.5 * font(int(text), True).getlength(words) + 0.4 * text
+                self._name(pen, words, text, busy, [(middle[0], top - gap), (middle[0], foot + gap), (
+                    right + aside, middle[1]), (left - aside, middle[1])], bold=True, color=BREAK_COLOR)
+        angles = [ASIDE, -ASIDE, np.pi - ASIDE, np.pi + ASIDE]
+        within = 8.0 * self._letters**0.5       # degrees
+        for name, degrees in (
+                ("macula", [(0.0, -20.0), (0.0, 20.0), (-35.0, 0.0)]),
+                ("disc", [self._disc + one for one in ((0.0, -9.0), (0.0, 12.0), (16.0, 0.0))]),
+                *((name, [(circle - within) * np.array([np.sin(one), -np.cos(one)]) for one in angles])
+                  for name, circle in (("equator", EQUATOR), ("ora serrata", ORA)))):
+            self._name(pen, name, 0.92 * text, busy, self.center + self.scale * np.array(degrees) * [1.0, -1.0])
+
+    def _name(self, pen: ImageDraw.ImageDraw, name: str, size: float, busy: list[np.ndarray], places, *,
+              bold: bool = False, color=INK) -> None:
+        """Write a name at the first of some places (k, 2); on a map that stands alone, at that which hides least."""
+        half = 0.5 * np.array([font(int(size), bold).getlength(name), size]) + 0.2 * size
+        points = np.concatenate(busy) if busy else np.zeros((0, 2))
+        hidden = [int((np.abs(points - place) < half).all(axis=1).sum()) for place in np.asarray(places)]
+        place = np.asarray(places)[int(np.argmin(hidden)) if self._alone else 0]
+        write(pen, place, name, size, anchor="mm", outline=True, bold=bold, color=color)
+        busy.append(place + half * np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), -1).reshape(-1, 2))
+
+
+def _dense(line: np.ndarray, step: float) -> np.ndarray:
+    """Points along a line (k, 2), that are no farther apart than a step."""
+    parts = [np.linspace(start, end, 2 + int(np.hypot(*(end - start)) / step))
+             for start, end in itertools.pairwise(line)]
+    return np.concatenate(parts) if parts else line
 
 
 def _share(level: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ class Charts:
     def __init__(self, cavity: StarCavity, breaks: Mapping[str, Patch], right_eye: bool):
         self._cavity = cavity
         self._map = FundusMap(cavity.wall, (OVERSAMPLING * SIZE[0], OVERSAMPLING * SIZE[1]), right_eye=right_eye,
-                              outlines={name: one.outline() for name, one in breaks.items()})
+                              outlines={name: one.outline() for name, one in breaks.items()}, alone=True)
 
     def address(self, contact: Contact, uncertain: Uncertain = UNCERTAIN) -> str:
         """Return the map of what oil at rest touches as an address that holds it."""
