@@ -12,12 +12,13 @@ from PIL import Image
 from pipeline.base import page
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import FrameData, read_frame
+from pipeline.base.words import NO_ADVICE
 from pipeline.library.changes import changed_scene
 from pipeline.library.metrics_table import MetricsTable
 from pipeline.library.workflow_call import make
 from pipeline.measures.shown import shown_metrics
 from pipeline.pages.headlines import headlines_of
-from pipeline.pages.run_page import ILLUSTRATION
+from pipeline.pages.run_page import NOT_COMPARED
 from pipeline.runs.run_folder import RunFolder
 from pipeline.runs.segments import segment_path
 from pipeline.scenes.effects import illustration_in_words
@@ -274,7 +275,7 @@ class Run:
                  if path.suffix in (".html", ".mp4", ".csv")]
         return str(Markup("\n").join([
             Markup("<h3>{}: {}</h3>").format(self._files.title, scene.accuracy), *parts,
-            page.paragraph(*links), page.paragraph(ILLUSTRATION if scene.container is None else "")]))
+            page.paragraph(*links), page.paragraph(*[NO_ADVICE, NOT_COMPARED] * (scene.container is None))]))
 
     def __repr__(self) -> str:
         return f"<run of {self.folder.parent.name} at {self.folder.name}: {relative(self.folder)}>"
