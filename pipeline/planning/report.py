@@ -109,9 +109,10 @@ def verdicts(question: Question, found: Sequence[Answer]) -> list[str]:
     if not found[0].covers(largest):
         best = found[0]
         best_words = f"{fill_words(best.fill, 1)}: {oil_words(question, best.oils)}, {posture_words(best.posture)}"
-        said = ("The break cannot be covered" if best.verdict(largest) == NOT_COVERED else
-                "It is uncertain whether the break can be covered")
-        return [f"{said}: no oil and no posture asked for surely covers it with {percent(largest)} of the cavity, "
+        said = ("The break cannot be covered: no oil and no posture asked for"
+                if best.verdict(largest) == NOT_COVERED else
+                "It is uncertain whether the break can be covered: no oil and no posture asked for surely")
+        return [f"{said} covers it with {percent(largest)} of the cavity, "
                 f"taken as the most that gets filled. The least that would do is {best_words}."]
     least = [f"Least of all: {oil_words(question, found[0].oils)}, patient {posture_words(found[0].posture)}: "
              f"{fill_needed(question, found[0])}."] if len(same) > 1 else []

@@ -103,8 +103,9 @@ class Patch:
         left = np.sin(np.radians(self.meridian))
         columns = side_word(left > 0.0, side == "right") if abs(left) > 0.3 else ""
         place = " ".join(word for word in (rows, columns) if word)
+        hours = f"{self.width / HOUR:.3g}"
         return (f"{clock} o'clock ({place}), {self.latitude:.3g} degrees from the posterior pole, "
-                f"{self.width / HOUR:.3g} clock hours wide and {self.height:.3g} degrees high")
+                f"{hours} clock hour{'s' * (hours != '1')} wide and {self.height:.3g} degrees high")
 
 
 def direction(meridian: np.ndarray, latitude: np.ndarray) -> np.ndarray:

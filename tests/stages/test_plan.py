@@ -199,6 +199,18 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
     assert shown == ["upright", "prone", "upright"]
 
 
+def test_a_plan_without_a_fill_that_surely_covers_says_whether_it_is_uncertain(tables):
+    for place, posture, said in (
+            (read_break("6h,60deg", "2h"), "supine", "It is uncertain whether the break can be covered: "),
+            (read_break("6h,100deg", "3h"), "upright", "The break cannot be covered: ")):
+        asked = question(place, margin=0.5e-3, chosen=(posture,))
+        found = answers(asked, tables, 11.3e-3)
+        sentence, = report.verdicts(asked, found)
+        assert sentence.startswith(said) and not report.reading(asked, found)
+    assert "2 clock hours wide" in read_break("6h,60deg", "2h").words("right")
+    assert "1 clock hour wide" in read_break("6h,60deg", "1h").words("right")
+
+
 def test_what_an_eye_without_tables_takes_is_said_before_it_begins(tmp_path, monkeypatch, capsys):
     made = []
 
