@@ -8,12 +8,13 @@ from pipeline.equilibrium.rest import Liquids
 from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
 
-FILLS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
+FILLS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
 TILTS = np.arange(0.0, 181.0, 15.0)         # degrees from the posterior pole to where the tamponade floats or sinks
-AZIMUTHS = (0.0, 45.0, 90.0)                # degrees of the meridian of that place: the others are mirror images
+AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that place: a mirror plane of the eye each
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
+HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
-TABLES = (("24", "light"), ("24", "heavy"), ("24", "gas"))
+TABLES = tuple((length, name) for length in ("24", "21", "29") for name in ("light", "heavy", "gas"))
 
 
 @dataclasses.dataclass(frozen=True)
