@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.progress import progress
-from pipeline.explorer.cases import FILLS, TABLES, eyes, tamponades
+from pipeline.explorer.cases import TABLES, eyes, fills_at, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import check
 from pipeline.explorer.shapes import Views
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for length, name in TABLES:
         if not path_of(length, name, options.output).is_file():
             missing.setdefault(length, []).append(name)
-    count = sum(map(len, missing.values())) * len(list(directions())) * len(FILLS)
+    count = sum(map(len, missing.values())) * sum(len(fills_at(tilt)) for tilt, _ in directions())
     with progress(count, "oil at rest", unit="shape") as bar:
         for length, names in missing.items():
             bar.set_postfix_str(f"{length} mm")

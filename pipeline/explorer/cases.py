@@ -9,7 +9,10 @@ from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
 
 FILLS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
-TILTS = np.arange(0.0, 181.0, 15.0)         # degrees from the posterior pole to where the tamponade floats or sinks
+# Degrees from the posterior pole to where the tamponade floats or sinks. Toward the front a few degrees decide on where
+# a large fill leaves the aqueous.
+TILTS = np.array([*np.arange(0.0, 120.0, 15.0), *np.arange(120.0, 181.0, 7.5)])
+COARSE_TILT, LARGE = 15.0, 0.7              # smaller fills are computed at multiples of these degrees only
 AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that place: a mirror plane of the eye each
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
@@ -49,6 +52,11 @@ def tamponades() -> dict[str, Tamponade]:
     gas = Liquids(aqueous - materials["air"].density, 0.072, float(np.radians(38.8)))
     return {"light": oil("light oil", "silicone_oil_1000"), "heavy": oil("heavy oil", "heavy_oil_densiron_68"),
             "gas": Tamponade("gas", GAS, gas, (float(np.radians(30.0)), float(np.radians(43.0))))}
+
+
+def fills_at(tilt: int) -> tuple[float, ...]:
+    """Return the fills that are computed at a tilt, given by its place in ``TILTS``."""
+    return FILLS if TILTS[tilt] % COARSE_TILT == 0.0 else tuple(fill for fill in FILLS if fill >= LARGE)
 
 
 def eyes() -> dict[str, Eye]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, MERIDIANS, TILTS, Tamponade
+from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, MERIDIANS, TILTS, Tamponade, fills_at
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.interface import SIZE
 from pipeline.explorer.shapes import PARTS, Shape, Views, shape_at
@@ -142,18 +142,21 @@ def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folder
         missing = [name for name, path in paths.items() if not path.is_file()]
         # Tamponade by tamponade at a fill: they are looked at from the same point, and the wall that it sees is kept.
         shapes = {fill: {name: shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill)
-                         for name in missing} for fill in FILLS}
+                         for name in missing} for fill in fills_at(tilt)}
         for name in missing:
-            Table.of([shapes[fill][name] for fill in FILLS]).write(paths[name])
+            Table.of([one[name] for one in shapes.values()]).write(paths[name])
         for name, path in paths.items():
             found[name][tilt, azimuth] = Table.read(path)
-        advance(len(FILLS) * len(paths))
+        advance(len(fills_at(tilt)) * len(paths))
     return {name: _whole(one).with_shifts(chart) for name, one in found.items()}
 
 
 def _whole(found: dict[tuple[int, int], Table]) -> Table:
     for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
         found[tilt, azimuth] = _turned(found[tilt, 0])
+    for (tilt, azimuth), here in list(found.items()):
+        if few := len(FILLS) - len(fills_at(tilt)):
+            found[tilt, azimuth] = _between(found[tilt - 1, azimuth], found[tilt + 1, azimuth], here, few)
     parts = [dataclasses.astuple(found[node]) for node in itertools.product(range(len(TILTS)), range(len(AZIMUTHS)))]
     return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
 
@@ -169,6 +172,19 @@ def _turned(table: Table) -> Table:
     return dataclasses.replace(table, **{
         name: np.where(np.expand_dims(straight, tuple(range(1, kept.ndim))), _mean(*turned), kept)
         for name, kept, turned in (("margin", table.margin, margin), ("depth", table.depth, depth))})
+
+
+def _between(before: Table, after: Table, here: Table, few: int) -> Table:
+    """A table of a tilt whose first fills are those between the tilts beside it; none where there is none in one."""
+    there = before.margin[:few].any(axis=(1, 2)) & after.margin[:few].any(axis=(1, 2))
+
+    def mean(name: str) -> np.ndarray:
+        one, other = (getattr(table, name)[:few] for table in (before, after))
+        between = 0.5 * (one + other) if name == "shares" else _mean(one, other) * np.expand_dims(
+            there, tuple(range(1, one.ndim)))
+        return np.concatenate([between, getattr(here, name)])
+
+    return Table(*(mean(field.name) for field in dataclasses.fields(Table)))
 
 
 def _mean(one: np.ndarray, other: np.ndarray) -> np.ndarray:
