@@ -17,7 +17,7 @@ AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that pl
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
-TABLES = tuple((length, name) for length in ("24", "21", "29") for name in ("light", "heavy", "gas"))
+TABLES = tuple((length, name) for length in ("24", "29", "21") for name in ("light", "heavy", "gas"))
 
 
 @dataclasses.dataclass(frozen=True)

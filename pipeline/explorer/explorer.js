@@ -282,7 +282,7 @@ async function showExplorer(known) {
   const words = {
     fill: () => `${+set.fill.toFixed(1)} % = ${(set.fill / 100 * eyeOf(set.eye).volume).toFixed(1)} mL, with ${
       ((1 - set.fill / 100) * eyeOf(set.eye).volume).toFixed(1)} mL of aqueous`,
-    eye: () => `${set.eye} mm, ${eyeOf(set.eye).volume.toFixed(1)} mL behind the lens`,
+    eye: () => `${set.eye} mm, ${eyeOf(set.eye).volume.toFixed(1)} mL`,
     pitch: () => Math.abs(set.pitch) < 0.5 ? "straight ahead" : `face ${set.pitch > 0 ? "up" : "down"} ${degrees(Math.abs(set.pitch))}`,
     roll: () => Math.abs(set.roll) < 0.5 ? "none" : `${set.roll > 0 ? "right" : "left"} ear down ${degrees(Math.abs(set.roll))}`,
     hour: () => tearWords(set.tear, set.side === "right"),
