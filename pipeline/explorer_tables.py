@@ -11,11 +11,11 @@ from pathlib import Path
 
 from pipeline.base.cli import run
 from pipeline.base.progress import progress
-from pipeline.explorer.cases import TABLES, eyes, fills_at, tamponades
+from pipeline.explorer.cases import TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import check
 from pipeline.explorer.shapes import Views
-from pipeline.explorer.table import FOLDER, directions, make, path_of
+from pipeline.explorer.table import FOLDER, Table, count, make, path_of
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -36,13 +36,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for length, name in TABLES:
         if not path_of(length, name, options.output).is_file():
             missing.setdefault(length, []).append(name)
-    count = sum(map(len, missing.values())) * sum(len(fills_at(tilt)) for tilt, _ in directions())
-    with progress(count, "oil at rest", unit="shape") as bar:
+    whole = TABLES[0][0]
+    shapes = sum(count(few=length != whole) * len(names) for length, names in missing.items())
+    with progress(shapes, "oil at rest", unit="shape") as bar:
         for length, names in missing.items():
             bar.set_postfix_str(f"{length} mm")
             views, kinds = Views(eyes()[length]), {name: tamponades()[name] for name in names}
             folders = {name: options.cache / f"{length}mm_{name}" for name in names}
-            for name, table in make(views, Chart.of(views.wall), kinds, folders, bar.update).items():
+            first = None if length == whole else {
+                name: Table.read(path_of(whole, name, options.output)) for name in names}
+            made = make(views, Chart.of(views.wall), kinds, folders, bar.update, first)
+            for name, table in made.items():
                 table.write(path_of(length, name, options.output))
 
 

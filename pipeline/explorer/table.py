@@ -8,7 +8,17 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, MERIDIANS, TILTS, Tamponade, fills_at
+from pipeline.explorer.cases import (
+    AZIMUTHS,
+    FEW_FILLS,
+    FILLS,
+    HALF,
+    LATITUDES,
+    MERIDIANS,
+    TILTS,
+    Tamponade,
+    fills_at,
+)
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.interface import SIZE
 from pipeline.explorer.shapes import PARTS, Shape, Views, shape_at
@@ -21,6 +31,7 @@ SHARE_STEP = 0.002          # of what shares may be less or more
 SHIFT_STEP = 0.02e-3        # m, of the contact line
 NODES = (len(TILTS), len(AZIMUTHS), len(FILLS))
 POLES = (0, len(TILTS) - 1)     # tilts at which every azimuth is the same direction
+UNLIKE = 2e-3                   # m, by which two eyes differ where their shapes are two, and nothing follows
 LEANING = 0.05                  # of a half of the retina: a shape that covers so much more of the other leans to it
 
 
@@ -119,36 +130,44 @@ def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:
     return folder / f"{eye}mm_{tamponade}.npz"
 
 
-def directions() -> Iterator[tuple[int, int]]:
-    """Indices of tilt and azimuth of the directions that are computed; the rest are turns of these."""
+def directions(*, few: bool = False) -> Iterator[tuple[int, int]]:
+    """Indices of tilt and azimuth of the directions that are computed; few, in another eye than the first."""
     for tilt, azimuth in itertools.product(range(len(TILTS)), range(len(AZIMUTHS))):
-        if azimuth == 0 or tilt not in POLES:
+        if (azimuth == 0 or tilt not in POLES) and fills_at(tilt, few=few):
             yield tilt, azimuth
 
 
+def count(*, few: bool = False) -> int:
+    """Return how many shapes are computed for a table."""
+    return sum(len(fills_at(tilt, few=few)) for tilt, _ in directions(few=few))
+
+
 def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folders: Mapping[str, Path],
-         advance: Callable[[float], object]) -> dict[str, Table]:
+         advance: Callable[[float], object], first: Mapping[str, Table] | None = None) -> dict[str, Table]:
     """Return the tables of an eye by tamponade; directions that are in the folders already are read.
 
     Parameters
     ----------
     folders : of the directions, by tamponade.
     advance : called with the number of shapes found, after each direction of all tamponades.
+    first : tables of the first eye, for another one, of which fewer shapes are computed.
     """
+    few = first is not None
     found: dict[str, dict[tuple[int, int], Table]] = {name: {} for name in tamponades}
-    for tilt, azimuth in directions():
+    for tilt, azimuth in directions(few=few):
         paths = {name: folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
                  for name, folder in folders.items()}
         missing = [name for name, path in paths.items() if not path.is_file()]
         # Tamponade by tamponade at a fill: they are looked at from the same point, and the wall that it sees is kept.
         shapes = {fill: {name: shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill)
-                         for name in missing} for fill in fills_at(tilt)}
+                         for name in missing} for fill in fills_at(tilt, few=few)}
         for name in missing:
             Table.of([one[name] for one in shapes.values()]).write(paths[name])
         for name, path in paths.items():
             found[name][tilt, azimuth] = Table.read(path)
-        advance(len(fills_at(tilt)) * len(paths))
-    return {name: _whole(one).with_shifts(chart) for name, one in found.items()}
+        advance(len(fills_at(tilt, few=few)) * len(paths))
+    return {name: (_whole(one) if first is None else _like(first[name], one)).with_shifts(chart)
+            for name, one in found.items()}
 
 
 def _whole(found: dict[tuple[int, int], Table]) -> Table:
@@ -159,6 +178,31 @@ def _whole(found: dict[tuple[int, int], Table]) -> Table:
             found[tilt, azimuth] = _between(found[tilt - 1, azimuth], found[tilt + 1, azimuth], here, few)
     parts = [dataclasses.astuple(found[node]) for node in itertools.product(range(len(TILTS)), range(len(AZIMUTHS)))]
     return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
+
+
+def _like(first: Table, found: dict[tuple[int, int], Table]) -> Table:
+    """The table of an eye of which few shapes are known: the others differ as these do from those of the first eye."""
+    for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
+        found[tilt, azimuth] = _turned(found[tilt, 0])
+    tilts, fills = sorted({tilt for tilt, _ in found}), [FILLS.index(fill) for fill in FEW_FILLS]
+    over_tilts = np.stack([np.interp(TILTS, TILTS[tilts], one) for one in np.eye(len(tilts))], axis=1)
+    left = np.sqrt(1.0 - np.array(FILLS))
+    over_fills = np.stack([np.interp(-left, -left[fills], one) for one in np.eye(len(fills))], axis=1)
+    nodes = np.ix_(tilts, range(len(AZIMUTHS)), fills)
+    there = np.array([[table.margin.any(axis=(1, 2)) for table in (found[tilt, 0], found[tilt, 1])] for tilt in tilts])
+
+    def field(name: str) -> np.ndarray:
+        whole = getattr(first, name)
+        few = np.stack([[getattr(found[tilt, azimuth], name) for azimuth in range(len(AZIMUTHS))] for tilt in tilts])
+        apart = (few.astype(float) - whole[nodes]).reshape(*there.shape, -1)
+        unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(name, np.inf)
+        apart = np.where(there[..., None] & (np.abs(apart) < unlike), apart, 0.0)
+        made = whole + np.einsum("ta,azfp,gf->tzgp", over_tilts, apart, over_fills, optimize=True).reshape(whole.shape)
+        made = made.astype(np.float32) if name == "shares" else _eight_bits(made)
+        made[nodes] = few
+        return made
+
+    return Table(*(field(one.name) for one in dataclasses.fields(Table)))
 
 
 def _turned(table: Table) -> Table:

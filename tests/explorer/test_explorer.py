@@ -14,14 +14,14 @@ import pipeline
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.explorer import table as tables
-from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, TABLES, TILTS, eyes, fills_at, tamponades
+from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, TABLES, TILTS, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import HEADS, Errors, down_of
 from pipeline.explorer.interface import SIZE, Interface, Lattice, across
 from pipeline.explorer.lookup import look_up
 from pipeline.explorer.page import HERE, MOST_BYTES, known_of, page_of
 from pipeline.explorer.shapes import Shape
-from pipeline.explorer.table import FOLDER, NODES, Table, directions, make, path_of
+from pipeline.explorer.table import FOLDER, NODES, Table, make, path_of
 from pipeline.planning.plan import plan_fill
 from pipeline.scenes.model import Eye
 from pipeline.scenes.retina import direction
@@ -253,8 +253,7 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
         return None if fill == FILLS[0] else Shape(field, np.full(SIZE, 1e-3), np.zeros(4), np.zeros(4), np.ones(4))
 
     monkeypatch.setattr(tables, "shape_at", shape_at)
-    kinds, folders = {"gas": tamponades()["gas"]}, {"gas": tmp_path}
-    count = sum(len(fills_at(tilt)) for tilt, _ in directions())
+    kinds, folders, count = {"gas": tamponades()["gas"]}, {"gas": tmp_path}, tables.count()
     first = make(None, chart, kinds, folders, lambda count: None)["gas"]
     assert len(computed) == count
     again = make(None, chart, kinds, folders, lambda count: None)["gas"]
@@ -266,6 +265,28 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
     assert np.array_equal(first.margin[0, 1, 1, 0], (whole[abs(quarter - np.arange(HALF))]
                           + np.append(whole, whole[-2::-1])[quarter + np.arange(HALF)] + 1) // 2)
     assert look_up({"24": first}, 24.0, np.array([0.0, 1.0, 0.0]), FILLS[0]) is None
+
+
+def test_another_eye_differs_as_its_few_shapes_do(tmp_path, monkeypatch):
+    chart, kinds = SimpleNamespace(shift=lambda margin, change: 0.0), {"gas": tamponades()["gas"]}
+
+    def shape_of(more):
+        def shape_at(views, tamponade, meridian, tilt, fill):
+            margin = 3e-3 * (fill - 0.5) + 1e-5 * tilt + more * (1.0 + tilt / 180.0)
+            return Shape(np.full((len(LATITUDES), HALF), margin), np.full(SIZE, margin), *np.zeros((3, 4)))
+        return shape_at
+
+    monkeypatch.setattr(tables, "shape_at", shape_of(0.0))
+    first = make(None, chart, kinds, {"gas": tmp_path / "first"}, lambda count: None)
+    made = {}
+    for name, more in (("near", 0.5e-3), ("far", 5e-3)):
+        monkeypatch.setattr(tables, "shape_at", shape_of(more))
+        made[name] = make(None, chart, kinds, {"gas": tmp_path / name}, lambda count: None, first)["gas"]
+    differ = {name: tables.margin_of(one.margin) - tables.margin_of(first["gas"].margin) for name, one in made.items()}
+    expected = 0.5e-3 * (1.0 + TILTS / 180.0)[:, None, None, None, None]
+    assert np.abs(differ["near"] - expected).max() < 1e-4
+    # Shapes that are quite different ones say nothing of those between.
+    assert np.abs(differ["far"][1]).max() == 0.0 and differ["far"][0, 0, 0, 0, 0] > 4.9e-3
 
 
 @pytest.mark.thorough
