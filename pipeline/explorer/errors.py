@@ -31,6 +31,7 @@ HEADS = (*SETTING, *(f"{part}: {what} [%]" for part in PARTS for what in ("table
 USUAL = 90.0                # percent of the settings have no larger error than is told
 LEAST_USUAL = 0.005         # of a share
 SEED = 20
+LENGTH_STEP = 0.5           # mm, of the eyes that are checked, as of the page
 
 
 def down_of(pitch: float, roll: float) -> np.ndarray:
@@ -112,7 +113,7 @@ def settings_of(count: int, lengths: np.ndarray) -> list[tuple[str, str, str, st
     """Return random settings as cells of ``SETTING``, the same ones every time."""
     random, names, found = np.random.default_rng(SEED), list(tamponades()), []
     for number in range(count):
-        length = random.uniform(lengths.min(), lengths.max())
+        length = round(random.uniform(lengths.min(), lengths.max()) / LENGTH_STEP) * LENGTH_STEP
         pitch, roll = np.degrees(np.arcsin(random.uniform(-1.0, 1.0))), random.uniform(-180.0, 180.0)
         fill = 100.0 * random.uniform(FILLS[0], FILLS[-1])
         found.append((f"{length:.1f}", names[number % len(names)], f"{fill:.1f}", f"{pitch:.1f}", f"{roll:.1f}"))
@@ -124,10 +125,11 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
     found, kinds = Errors.read(folder), tamponades()
     known = {tuple(row[:len(SETTING)]) for row in found.rows}
     there: dict[str, dict[str, Table]] = {name: {} for name in kinds}
-    for length, name in TABLES:
-        if (path := path_of(length, name, folder)).is_file():
-            there[name][length] = Table.read(path)
-    lengths = np.array([float(length) for tables in there.values() for length in tables])
+    eyes: dict[float, Resting] = {}
+    for eye, name in TABLES:
+        if (path := path_of(eye, name, folder)).is_file():
+            there[name][eye] = Table.read(path)
+    lengths = np.array([float(eye) for tables in there.values() for eye in tables])
     if not len(lengths):
         raise UserError(f"{folder} holds no tables to check; make them with python -m pipeline.explorer_tables")
     for setting in settings_of(count, lengths):
@@ -136,7 +138,9 @@ def check(count: int, folder: Path, advance: Callable[[float], object]) -> Error
         tables, kind, down = there[setting[1]], kinds[setting[1]], down_of(pitch, roll)
         if setting in known or not tables:
             continue
-        resting = Resting.of(Eye(axial_length=1e-3 * length))
+        if length not in eyes:
+            eyes[length] = Resting.of(Eye(axial_length=1e-3 * length))
+        resting = eyes[length]
         looked = look_up(tables, length, kind.toward(down), 0.01 * fill)
         least = resting.least(kind.liquids, down, 0.01 * fill, FINE)
         if looked is None or least is None:

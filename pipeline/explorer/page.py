@@ -20,7 +20,7 @@ from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.chart import wall_radius
-from pipeline.explorer.errors import Errors
+from pipeline.explorer.errors import LENGTH_STEP, Errors
 from pipeline.explorer.interface import SIZE, Lattice
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, differences, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
@@ -63,6 +63,7 @@ def page_of(folder: Path = FOLDER) -> str:
     body = Environment(autoescape=True, trim_blocks=True).from_string(
         (HERE / "explorer.html").read_text(encoding="utf-8")).render(
         tamponades=known["tamponades"], eyes=[one["name"] for one in known["eyes"]], views=EYE_VIEWS, parts=PARTS,
+        step=LENGTH_STEP,
         fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}", wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL,
         tear=f"rgb{BREAK_COLOR}")
     text = page.page(TITLE, [
@@ -142,14 +143,14 @@ def _assumed(known: dict[str, Any]) -> list[str]:
         f"through the aqueous ({' and '.join(f'{np.degrees(angle):.3g}' for angle in one.other_angles)} for the range)"
         for one in tamponades().values())
     volumes = ", ".join(f"{one['name']} mm long, {one['volume']:.1f} mL behind the lens" for one in known["eyes"])
-    lengths = " and ".join(f"{one['name']} mm" for one in known["eyes"])
+    others = " and ".join(f"{one['name']} mm" for one in known["eyes"] if one["name"] != TABLES[0][0])
     return [
         f"Eye: with its own lens, as wide as eyes of its length are on average ({volumes}).",
         "Clock hours are those that an observer sees who faces the patient.",
         f"{kinds[0].upper()}{kinds[1:]}. Viscosity does not matter at rest.",
         "The tamponade is one body at rest, the retina is attached, and aqueous wets the rest of the wall. Of two "
         "shapes at rest the one with less energy is shown, and the range holds both where both were found.",
-        f"Shapes of least energy were computed at {len(FILLS)} fills from {FILLS[0]:.0%} to {FILLS[-1]:.1%}, in eyes "
-        f"of {lengths}, at {len(TILTS)} angles between gravity and the axis of the eye and at two azimuths each; what "
-        "is shown lies between them.",
+        f"Shapes of least energy were computed at {len(FILLS)} fills from {FILLS[0]:.0%} to {FILLS[-1]:.1%}, in an eye "
+        f"of {TABLES[0][0]} mm, at {len(TILTS)} angles between gravity and the axis of the eye and at two azimuths "
+        f"each{f', and fewer in eyes of {others}' if others else ''}. What is shown lies between them.",
     ]

@@ -66,7 +66,7 @@ class Table:
                              np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]), one.shares)
             for values, value in zip((margin, depth, doubt, shares), values_of, strict=True):
                 values.append(value)
-        return cls(*map(_eight_bits, (margin, depth, doubt)), np.array(shares, np.float32))
+        return cls(_eight_bits(margin), _eight_bits(depth), _eight_bits(doubt), np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""
