@@ -17,7 +17,7 @@ AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that pl
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
 #: Of other eyes than the first fewer shapes are computed: what they differ by from those of the first lies between.
-FEW_TILT, FEW_FILLS = 30.0, (0.05, 0.2, 0.4, 0.6, 0.78, 0.9, 0.965, 0.985)
+FEW_TILT, FEW_FILLS = 45.0, (0.05, 0.2, 0.5, 0.78, 0.9, 0.985)
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
 TABLES = tuple((length, name) for length in ("24", "29", "21") for name in ("light", "heavy", "gas"))
 
