@@ -63,6 +63,11 @@ def fills_at(tilt: int, *, few: bool = False) -> tuple[float, ...]:
     return FILLS if TILTS[tilt] % COARSE_TILT == 0.0 else tuple(fill for fill in FILLS if fill >= LARGE)
 
 
+def spread(fill):
+    """What fills are interpolated over: about the width of a small tamponade, and of what a large one leaves."""
+    return np.arcsin(np.sqrt(fill))
+
+
 def eyes() -> dict[str, Eye]:
     """Return the eyes by their length in mm."""
     lengths = sorted({length for length, _ in TABLES}, key=float)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.explorer.cases import FILLS, LATITUDES, MERIDIANS, TILTS
+from pipeline.explorer.cases import FILLS, LATITUDES, MERIDIANS, TILTS, spread
 from pipeline.explorer.interface import SIZE
 from pipeline.explorer.table import SHARE_STEP, SHIFT_STEP, Table, depth_of, margin_of, mirrored
 
@@ -48,7 +48,7 @@ def look_up(tables: Mapping[str, Table], length: float, toward: np.ndarray, fill
     for eye, of_eye in _between(length, np.array(names, float)):
         for one, of_tilt in _between(tilt, TILTS):
             for two, of_azimuth in ((0, cosine), (1, 1.0 - cosine)):  # (R10)
-                for three, of_fill in _between(_unfilled(fill), _unfilled(np.array(FILLS))):
+                for three, of_fill in _between(spread(fill), spread(np.array(FILLS))):
                     weight, table = of_eye * of_tilt * of_azimuth * of_fill, tables[names[eye]]
                     if weight == 0.0:
                         continue
@@ -61,11 +61,6 @@ def look_up(tables: Mapping[str, Table], length: float, toward: np.ndarray, fill
     if toward[1] < 0.0:  # the tables are of a tamponade that goes up
         low, high = low[[0, 2, 1, 3]], high[[0, 2, 1, 3]]
     return Looked(_turned(margin, meridian), depth, meridian, low, high, SHIFT_STEP * doubt[8:])
-
-
-def _unfilled(fill):
-    """What fills are interpolated over: about the width of what is left to the aqueous."""
-    return -np.sqrt(1.0 - fill)
 
 
 def _between(value: float, nodes: np.ndarray) -> list[tuple[int, float]]:

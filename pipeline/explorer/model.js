@@ -79,7 +79,7 @@ function explorerModel(known) {
     return {meridian, nodes};
   }
 
-  const unfilled = fill => -Math.sqrt(1 - fill), spread = fills.map(unfilled);
+  const spreadOf = fill => Math.asin(Math.sqrt(fill)), spread = fills.map(spreadOf);
 
   // Tables, nodes and weights of a place, at a share of each of two fills; null where one of the shapes was not found.
   function mixed(tables, where, ofFills) {
@@ -130,7 +130,7 @@ function explorerModel(known) {
   }
 
   function lookUp(eye, tables, toward, fill) {
-    const where = place(toward), nodes = mixed(tables, where, between(unfilled(fill), spread));
+    const where = place(toward), nodes = mixed(tables, where, between(spreadOf(fill), spread));
     if (!nodes) return null;
     const doubt = doubtOf(nodes), order = toward[1] < 0 ? [0, 2, 1, 3] : [0, 1, 2, 3], margin = marginOf(nodes, where);
     return {margin, depth: () => depthOf(nodes), meridian: where.meridian, shares: shares(eye, margin),
@@ -269,7 +269,7 @@ function explorerModel(known) {
       if (bare < 0) return 0;
       if (bare === fills.length - 1) return 1;
       const share = -margin[bare] / (margin[bare + 1] - margin[bare]);
-      return 1 - (spread[bare] + share * (spread[bare + 1] - spread[bare])) ** 2;
+      return Math.sin(spread[bare] + share * (spread[bare + 1] - spread[bare])) ** 2;
     });
   }
 

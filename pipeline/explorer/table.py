@@ -18,6 +18,7 @@ from pipeline.explorer.cases import (
     TILTS,
     Tamponade,
     fills_at,
+    spread,
 )
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.interface import SIZE
@@ -31,7 +32,7 @@ SHARE_STEP = 0.002          # of what shares may be less or more
 SHIFT_STEP = 0.02e-3        # m, of the contact line
 NODES = (len(TILTS), len(AZIMUTHS), len(FILLS))
 POLES = (0, len(TILTS) - 1)     # tilts at which every azimuth is the same direction
-UNLIKE = 2e-3                   # m, by which two eyes differ where their shapes are two, and nothing follows
+UNLIKE = 4e-3                   # m, by which two eyes differ where their shapes are two, and nothing follows
 LEANING = 0.05                  # of a half of the retina: a shape that covers so much more of the other leans to it
 
 
@@ -186,8 +187,8 @@ def _like(first: Table, found: dict[tuple[int, int], Table]) -> Table:
         found[tilt, azimuth] = _turned(found[tilt, 0])
     tilts, fills = sorted({tilt for tilt, _ in found}), [FILLS.index(fill) for fill in FEW_FILLS]
     over_tilts = np.stack([np.interp(TILTS, TILTS[tilts], one) for one in np.eye(len(tilts))], axis=1)
-    left = np.sqrt(1.0 - np.array(FILLS))
-    over_fills = np.stack([np.interp(-left, -left[fills], one) for one in np.eye(len(fills))], axis=1)
+    places = spread(np.array(FILLS))
+    over_fills = np.stack([np.interp(places, places[fills], one) for one in np.eye(len(fills))], axis=1)
     nodes = np.ix_(tilts, range(len(AZIMUTHS)), fills)
     there = np.array([[table.margin.any(axis=(1, 2)) for table in (found[tilt, 0], found[tilt, 1])] for tilt in tilts])
 
