@@ -199,6 +199,8 @@ def _like(first: Table, found: dict[tuple[int, int], Table]) -> Table:
         unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(name, np.inf)
         apart = np.where(there[..., None] & (np.abs(apart) < unlike), apart, 0.0)
         made = whole + np.einsum("ta,azfp,gf->tzgp", over_tilts, apart, over_fills, optimize=True).reshape(whole.shape)
+        if name in ("margin", "depth"):  # zero says that no shape was found
+            made = np.where(whole > 0, np.maximum(made, 1.0), 0.0)
         made = made.astype(np.float32) if name == "shares" else _eight_bits(made)
         made[nodes] = few
         return made

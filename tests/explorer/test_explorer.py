@@ -84,7 +84,7 @@ def test_the_tables_are_there_and_whole():
         one = Table.read(path_of(*case))
         assert one.margin.shape == (*NODES, len(LATITUDES), HALF) and one.depth.shape == (*NODES, *SIZE)
         assert one.shares.shape == (*NODES, 4)
-        assert one.margin.any(axis=(-1, -2)).all(), case  # every shape was found
+        assert one.margin.min() > 0 and one.depth.min() > 0, case  # every shape was found
     assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 8e6
 
 
