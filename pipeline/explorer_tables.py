@@ -1,6 +1,6 @@
 """Make the tables of the explorer: shapes of least energy for all directions of gravity and fills.
 
-    python -m pipeline.explorer_tables              # what is missing: MINUTES minutes of processor time for each eye
+    python -m pipeline.explorer_tables              # what is missing: 13 minutes of processor time, 3 for other eyes
     python -m pipeline.explorer_tables --check 200  # how far they are off between their shapes
 
 A direction that was finished is kept, so that the same command goes on where it was stopped.

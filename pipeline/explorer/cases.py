@@ -17,7 +17,8 @@ AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that pl
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
 #: Of other eyes than the first fewer shapes are computed: what they differ by from those of the first lies between.
-FEW_TILT, FEW_FILLS = 45.0, (0.05, 0.2, 0.5, 0.78, 0.9, 0.985)
+FEW_TILTS = (0.0, 45.0, 90.0, 120.0, 135.0, 150.0, 180.0)
+FEW_FILLS = (0.05, 0.2, 0.5, 0.78, 0.9, 0.985)
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
 TABLES = tuple((length, name) for length in ("24", "29", "21") for name in ("light", "heavy", "gas"))
 
@@ -59,7 +60,7 @@ def tamponades() -> dict[str, Tamponade]:
 def fills_at(tilt: int, *, few: bool = False) -> tuple[float, ...]:
     """Return the fills that are computed at a tilt of ``TILTS``; few, in another eye than the first."""
     if few:
-        return FEW_FILLS if TILTS[tilt] % FEW_TILT == 0.0 else ()
+        return FEW_FILLS if TILTS[tilt] in FEW_TILTS else ()
     return FILLS if TILTS[tilt] % COARSE_TILT == 0.0 else tuple(fill for fill in FILLS if fill >= LARGE)
 
 

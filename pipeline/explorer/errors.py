@@ -31,6 +31,7 @@ HEADS = (*SETTING, *(f"{part}: {what} [%]" for part in PARTS for what in ("table
 USUAL = 90.0                # percent of the settings have no larger error than is told
 LEAST_USUAL = 0.005         # of a share
 SEED = 20
+NEAR = 1.0                  # mm, from the length of the first eye, of which most shapes are computed
 LENGTH_STEP = 0.5           # mm, of the eyes that are checked, as of the page
 
 
@@ -93,8 +94,11 @@ class Errors:
         if not self.rows:
             return [page.paragraph("No setting between those of the tables was checked.")]
         off = 100.0 * np.abs(self.off)
+        first, length = float(TABLES[0][0]), np.array([float(row[0]) for row in self.rows])
+        near = np.abs(length - first) <= NEAR
         lines = [(name, f"{one.mean():.2f}", f"{np.percentile(one, USUAL):.1f}", f"{one.max():.1f}",
-                  f"{100.0 * (one <= 1.0).mean():.0f} %") for name, one in zip(PARTS, off.T, strict=True)]
+                  *(f"{100.0 * (one[among] <= 1.0).mean():.0f} %" if among.any() else "-"
+                    for among in (near, ~near))) for name, one in zip(PARTS, off.T, strict=True)]
         apart = [(name, f"{one.mean():.2f}", f"{np.percentile(one, USUAL):.2f}", f"{one.max():.1f}")
                  for name, one in zip(("on average over the surface", "nine tenths of the surface within",
                                        "farthest point"), self.surface.T, strict=True)]
@@ -102,7 +106,8 @@ class Errors:
         return [page.paragraph(f"{len(self.rows)} random settings, of any eye length, tamponade, fill and direction of "
                                "gravity, were computed again with 10,242 directions, as pipeline.oil_at_rest has "
                                "them. How far this page is off, in percentage points:"),
-                page.table(("part of the retina", "mean", usual, "largest", "within 1 point"), lines),
+                page.table(("part of the retina", "mean", usual, "largest", f"within 1 point, {first - NEAR:g} to "
+                            f"{first + NEAR:g} mm", "within 1 point, other lengths"), lines),
                 page.paragraph("How far the free surface that is drawn is from that of the shape itself, in mm:"),
                 page.table(("distance", "mean", usual, "largest"), apart),
                 page.paragraph("Large errors lie where the shape jumps: there two shapes have nearly the same energy, "

@@ -12,6 +12,9 @@ import numpy as np
 from pipeline.explorer.cases import FILLS, LATITUDES, MERIDIANS, TILTS, spread
 from pipeline.explorer.interface import SIZE
 from pipeline.explorer.table import SHARE_STEP, SHIFT_STEP, Table, depth_of, margin_of, mirrored
+from pipeline.scenes.eye_shape import HORIZONTAL_DIAMETER, VERTICAL_DIAMETER
+
+OVAL = (HORIZONTAL_DIAMETER / VERTICAL_DIAMETER) ** 2   # of the equator of eyes of any length
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +63,13 @@ def look_up(tables: Mapping[str, Table], length: float, toward: np.ndarray, fill
     low, high = SHARE_STEP * doubt[:4], SHARE_STEP * doubt[4:8]
     if toward[1] < 0.0:  # the tables are of a tamponade that goes up
         low, high = low[[0, 2, 1, 3]], high[[0, 2, 1, 3]]
-    return Looked(_turned(margin, meridian), depth, meridian, low, high, SHIFT_STEP * doubt[8:])
+    return Looked(_turned(margin, mirror_of(meridian)), depth, meridian, low, high, SHIFT_STEP * doubt[8:])
+
+
+def mirror_of(meridian: float) -> float:
+    """Meridian, degrees, to whose sides a contact line lies alike, where a tamponade goes to a meridian. (R12)"""
+    around = np.radians(meridian)
+    return float(np.degrees(np.arctan2(OVAL * np.sin(around), np.cos(around))))
 
 
 def _between(value: float, nodes: np.ndarray) -> list[tuple[int, float]]:

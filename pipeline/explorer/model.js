@@ -76,7 +76,9 @@ function explorerModel(known) {
         if (ofTilt * ofAzimuth) nodes.push([(one * azimuths + two) * fills.length, ofTilt * ofAzimuth]);
       });
     }
-    return {meridian, nodes};
+    // The meridian to whose sides the contact line lies alike, on an equator that is oval.
+    const mirror = Math.atan2(known.oval * Math.sin(meridian * radians), Math.cos(meridian * radians)) / radians;
+    return {meridian, mirror, nodes};
   }
 
   const spreadOf = fill => Math.asin(Math.sqrt(fill)), spread = fills.map(spreadOf);
@@ -112,7 +114,7 @@ function explorerModel(known) {
 
   // The two columns of a table beside a meridian of the eye, and the share of the second: one side mirrors the other.
   function columnsOf(meridian, where) {
-    const from = (meridian - where.meridian) / step, first = Math.floor(from);
+    const from = (meridian - where.mirror) / step, first = Math.floor(from);
     return [...[first, first + 1].map(k => { const one = turned(k, columns); return Math.min(one, columns - one); }), from - first];
   }
 

@@ -22,6 +22,7 @@ from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLE
 from pipeline.explorer.chart import wall_radius
 from pipeline.explorer.errors import LENGTH_STEP, Errors
 from pipeline.explorer.interface import SIZE, Lattice
+from pipeline.explorer.lookup import OVAL
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, differences, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
 from pipeline.pages.turning_view import EYE_AXES, EYE_VIEW, EYE_VIEWS
@@ -88,7 +89,7 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
     return {
         "tilts": TILTS.tolist(), "azimuths": len(AZIMUTHS), "fills": FILLS, "latitudes": len(LATITUDES),
         "meridians": len(MERIDIANS), "ora": ORA, "reach": MARGIN_REACH, "deepest": DEEPEST, "shareStep": SHARE_STEP,
-        "shiftStep": SHIFT_STEP, "lattice": SIZE, "wanted": WANTED, "lineError": UNCERTAIN,
+        "shiftStep": SHIFT_STEP, "lattice": SIZE, "oval": OVAL, "wanted": WANTED, "lineError": UNCERTAIN,
         "fillError": FILL_ERROR, "shareErrors": errors.usual, "largestFill": settings.largest_fill, "eyes": found,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
                               "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},
