@@ -2,7 +2,7 @@
 
 A grid of angles has a row for every latitude and a column for every meridian. Meridians count from the one that the
 tamponade goes to, so that fields of neighboring directions are alike: the eye is nearly a body of revolution. This
-meridian is in a mirror plane of the eye, and so a field holds one side of it.
+meridian is in a mirror plane of the eye, and so a field holds one side of it. Equations: docs/methods/equilibrium.md.
 """
 import dataclasses
 
