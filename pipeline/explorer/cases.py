@@ -8,12 +8,19 @@ from pipeline.equilibrium.rest import Liquids
 from pipeline.planning.settings import load_settings
 from pipeline.scenes.model import Eye
 
-FILLS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
-TILTS = np.arange(0.0, 181.0, 15.0)         # degrees from the posterior pole to where the tamponade floats or sinks
-AZIMUTHS = (0.0, 45.0, 90.0)                # degrees of the meridian of that place: the others are mirror images
+FILLS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.965, 0.985)
+# Degrees from the posterior pole to where the tamponade floats or sinks. Toward the front a few degrees decide on where
+# a large fill leaves the aqueous.
+TILTS = np.array([*np.arange(0.0, 120.0, 15.0), *np.arange(120.0, 181.0, 7.5)])
+COARSE_TILT, LARGE = 15.0, 0.7              # smaller fills are computed at multiples of these degrees only
+AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that place: a mirror plane of the eye each
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
+HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
+#: Of other eyes than the first fewer shapes are computed: what they differ by from those of the first lies between.
+FEW_TILTS = (0.0, 45.0, 90.0, 120.0, 135.0, 150.0, 180.0)
+FEW_FILLS = (0.05, 0.2, 0.5, 0.78, 0.9, 0.985)
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
-TABLES = (("24", "light"), ("24", "heavy"), ("24", "gas"))
+TABLES = tuple((length, name) for length in ("24", "29", "21") for name in ("light", "heavy", "gas"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +55,18 @@ def tamponades() -> dict[str, Tamponade]:
     gas = Liquids(aqueous - materials["air"].density, 0.072, float(np.radians(38.8)))
     return {"light": oil("light oil", "silicone_oil_1000"), "heavy": oil("heavy oil", "heavy_oil_densiron_68"),
             "gas": Tamponade("gas", GAS, gas, (float(np.radians(30.0)), float(np.radians(43.0))))}
+
+
+def fills_at(tilt: int, *, few: bool = False) -> tuple[float, ...]:
+    """Return the fills that are computed at a tilt of ``TILTS``; few, in another eye than the first."""
+    if few:
+        return FEW_FILLS if TILTS[tilt] in FEW_TILTS else ()
+    return FILLS if TILTS[tilt] % COARSE_TILT == 0.0 else tuple(fill for fill in FILLS if fill >= LARGE)
+
+
+def spread(fill):
+    """What fills are interpolated over: about the width of a small tamponade, and of what a large one leaves."""
+    return np.arcsin(np.sqrt(fill))
 
 
 def eyes() -> dict[str, Eye]:

@@ -11,14 +11,13 @@ function settingsOf(known) {
   const number = (name, words, low, high, unit) => ({name, words, low, high, unit});
   return {
     numbers: [number("fill", "fill", fills[0], fills[fills.length - 1], " %"),
+              number("eye", "length of the eye", Number(known.eyes[0].name), Number(known.eyes[known.eyes.length - 1].name), " mm"),
               number("pitch", "raise of the face", -90, 90, "°"), number("roll", "tilt to a shoulder", -180, 180, "°")],
     tear: [number("hour", "clock hour of the break", 0.25, 12, " o'clock"),
            number("latitude", "place of the break", 0, known.ora, "° from the posterior pole"),
            number("width", "width of the break", 0.25, 12, " clock hours"),
            number("height", "height of the break", 2, 60, "°")],
     choices: [{name: "tamponade", words: "tamponade", names: known.tamponades},
-              {name: "eye", words: "length of the eye in mm", names: Object.fromEntries(known.eyes.map(
-                eye => [eye.name, {words: `${eye.name} mm`}]))},
               {name: "side", words: "side", names: {right: {words: "right eye"}, left: {words: "left eye"}}}],
   };
 }
@@ -78,12 +77,15 @@ function readLink(text, start, known) {
   return {found, said};
 }
 
-// Where there is no table of a tamponade in an eye: what is said, and an eye that has one.
+// Where there are no tables of a tamponade around an eye: what is said, and the length of an eye that has some.
 function withoutTable(set, known) {
-  if (known.eyes.find(one => one.name === set.eye).tables[set.tamponade]) return null;
-  const eye = known.eyes.find(one => one.tables[set.tamponade]), {words} = known.tamponades[set.tamponade];
-  if (!eye) return {eye: set.eye, said: `There is no table of ${words}.`};
-  return {eye: eye.name, said: `There is no table of ${words} for an eye of ${set.eye} mm: an eye of ${eye.name} mm is shown.`};
+  const lengths = known.eyes.filter(one => one.tables[set.tamponade]).map(one => Number(one.name));
+  const {words} = known.tamponades[set.tamponade];
+  if (!lengths.length) return {eye: set.eye, said: `There is no table of ${words}.`};
+  const [low, high] = [lengths[0], lengths[lengths.length - 1]], eye = clamp(set.eye, low, high);
+  if (eye === set.eye) return null;
+  const some = low === high ? `an eye of ${low} mm` : `eyes of ${low} to ${high} mm`;
+  return {eye, said: `There are tables of ${words} for ${some} only: an eye of ${eye} mm is shown.`};
 }
 
 // The latitude of a break that ends at the ora serrata at the latest.
@@ -91,7 +93,7 @@ const within = (tear, known) => Math.min(tear.latitude, known.ora - 0.5 * tear.h
 
 function linkOf(set) {
   const round = value => +value.toFixed(2), {tear} = set;
-  return `#fill=${round(set.fill)}&tamponade=${set.tamponade}&eye=${set.eye}&side=${set.side}&pitch=${round(set.pitch)}`
+  return `#fill=${round(set.fill)}&tamponade=${set.tamponade}&eye=${round(set.eye)}&side=${set.side}&pitch=${round(set.pitch)}`
     + `&roll=${round(set.roll)}&break=${tear ? [tear.hour, tear.latitude, tear.width, tear.height].map(round).join(",") : "none"}`;
 }
 
@@ -145,8 +147,8 @@ async function showExplorer(known) {
     message.hidden = false;
     return;
   }
-  const model = explorerModel(known), eyes = {};
-  for (const one of known.eyes) eyes[one.name] = {...await model.eyeOf(one)};
+  const model = explorerModel(known), eyes = await Promise.all(known.eyes.map(model.eyeOf)), between = {};
+  const eyeOf = length => between[length] = between[length] || model.eyeBetween(eyes, length);
   let said = [], waiting = false, {found: set} = readLink("", known.start, known);
   const map = fundusMap(find(".fundus canvas"), model, known), surfaces = {};
   const color = name => known.tamponades[name].color;
@@ -179,17 +181,17 @@ async function showExplorer(known) {
 
   function update() {
     waiting = false;
-    const eye = eyes[set.eye], table = eye.tables[set.tamponade], kind = known.tamponades[set.tamponade];
+    const eye = eyeOf(set.eye), tables = eye.tablesOf(set.tamponade), kind = known.tamponades[set.tamponade];
     const down = gravity(set.pitch, set.roll), toward = down.map(part => kind.floats ? -part : part);
-    const fill = set.fill / 100, looked = table && model.lookUp(eye, table, toward, fill), {tear} = set;
+    const fill = set.fill / 100, looked = tables && model.lookUp(eye, tables, toward, fill), {tear} = set;
     message.hidden = !said.length;
     message.replaceChildren(...said.map(sentence => element("p", sentence)));
     writeControls();
     const posture = postureWords(set, known);
     if (!looked) {
-      find(".answer").textContent = table
+      find(".answer").textContent = tables
         ? `No shape at rest was found for ${kind.words}, ${set.fill} %, ${posture}. Try another fill or posture.`
-        : `There is no table of ${kind.words} for an eye of ${set.eye} mm. Try another eye.`;
+        : `There is no table of ${kind.words}. Try something else.`;
       root.classList.add("without");
       return;
     }
@@ -210,12 +212,12 @@ async function showExplorer(known) {
       const made = surfaces[set.eye] = surfaces[set.eye] || eyeSurfaces(model, eye);
       shape.orient(turnOf(set));
       head.orient(turnOf(set));
-      shape.replace(0, made.tamponade(looked.gap(), looked.view, looked.margin, color(set.tamponade).map(
+      shape.replace(0, made.tamponade(looked.depth(), looked.meridian, color(set.tamponade).map(
         (part, k) => 0.7 * part + 0.3 * known.colors.aqueous[k])));
       shape.replace(1, made.wall(looked.margin, color(set.tamponade), known.colors.aqueous));
       shape.replace(2, made.tear(tear, known.colors.tear));
     }
-    showTear(eye, table, kind, looked, toward, doubt);
+    showTear(tables, kind, looked, toward, doubt);
     writeLink();
   }
 
@@ -226,7 +228,7 @@ async function showExplorer(known) {
     return [[cr, -sr, 0], [cp * sr, cp * cr, sp], [-sp * sr, -sp * cr, cp]];
   }
 
-  function showTear(eye, table, kind, looked, toward, doubt) {
+  function showTear(tables, kind, looked, toward, doubt) {
     const {tear} = set, verdict = find(".verdict"), body = find(".needed tbody");
     find(".with-break").hidden = !tear;
     find(".without-break").hidden = Boolean(tear);
@@ -247,12 +249,15 @@ async function showExplorer(known) {
       element("b", said[0].toUpperCase() + said.slice(1)),
       element("span", covered ? `The ${kind.words} reaches ${reach} beyond the break at ${where}${unsure}.`
         : `The ${kind.words} ends ${reach} short of the farthest edge of the break at ${where}${unsure}.`));
-    const needed = model.smallestFill(table, toward, points, known.wanted);
+    const needed = model.smallestFill(tables, toward, points, known.wanted);
     find(".smallest").replaceChildren("Smallest fill that covers it in this posture: ", element("b", neededWords(needed, known)),
       needed && needed[0] > known.largestFill ? `. More than ${percent(known.largestFill)} % is hardly got in.` : ".");
+    const asked = JSON.stringify([tear, set.tamponade, set.eye]);
+    if (body.dataset.of === asked) return;
+    body.dataset.of = asked;
     const rows = known.postures.map(one => {
       const down = gravity(one.pitch, one.roll);
-      return [one, model.smallestFill(table, down.map(part => kind.floats ? -part : part), points, known.wanted)];
+      return [one, model.smallestFill(tables, down.map(part => kind.floats ? -part : part), points, known.wanted)];
     });
     const least = Math.min(...rows.map(([, found]) => found ? found[0] : 2));
     body.replaceChildren(...rows.map(([one, found]) => {
@@ -275,15 +280,16 @@ async function showExplorer(known) {
   // Controls: every slider has the name of what it sets, and its number beside it.
   const sliders = [...root.querySelectorAll("input[type=range]")];
   const words = {
-    fill: () => `${+set.fill.toFixed(1)} % = ${(set.fill / 100 * eyes[set.eye].volume).toFixed(1)} mL, with ${
-      ((1 - set.fill / 100) * eyes[set.eye].volume).toFixed(1)} mL of aqueous`,
+    fill: () => `${+set.fill.toFixed(1)} % = ${(set.fill / 100 * eyeOf(set.eye).volume).toFixed(1)} mL, with ${
+      ((1 - set.fill / 100) * eyeOf(set.eye).volume).toFixed(1)} mL of aqueous`,
+    eye: () => `${set.eye} mm, ${eyeOf(set.eye).volume.toFixed(1)} mL`,
     pitch: () => Math.abs(set.pitch) < 0.5 ? "straight ahead" : `face ${set.pitch > 0 ? "up" : "down"} ${degrees(Math.abs(set.pitch))}`,
     roll: () => Math.abs(set.roll) < 0.5 ? "none" : `${set.roll > 0 ? "right" : "left"} ear down ${degrees(Math.abs(set.roll))}`,
     hour: () => tearWords(set.tear, set.side === "right"),
     latitude: () => `${degrees(set.tear.latitude)} from the macula`,
     width: () => `${+set.tear.width.toFixed(2)} h of the clock, ${(set.tear.width * 30 * radians * Math.sin(set.tear.latitude * radians)
-      * 1e3 * eyes[set.eye].globe).toFixed(1)} mm`,
-    height: () => `${degrees(set.tear.height)}, ${(set.tear.height * radians * 1e3 * eyes[set.eye].globe).toFixed(1)} mm`,
+      * 1e3 * eyeOf(set.eye).globe).toFixed(1)} mm`,
+    height: () => `${degrees(set.tear.height)}, ${(set.tear.height * radians * 1e3 * eyeOf(set.eye).globe).toFixed(1)} mm`,
   };
   function moveTear(changes) {
     const tear = {...(set.tear || known.start.tear), ...changes};

@@ -23,96 +23,121 @@ function direction(meridian, latitude) {
   return [Math.sin(down) * Math.sin(around), Math.sin(down) * Math.cos(around), -Math.cos(down)];
 }
 
-function explorerModel(known) {
-  const {tilts, fills, azimuths, latitudes: rows, meridians: columns} = known;
-  const step = 180 / (rows - 1), size = rows * columns, last = Math.round(known.ora / step);
+// Between two values, numbers or lists of them.
+const mix = (one, other, share) => typeof one === "number" ? one + share * (other - one)
+  : Float32Array.from(one, (value, k) => value + share * (other[k] - value));
 
-  // An eye: its wall, and the tables of its tamponades once they are unpacked.
+function explorerModel(known) {
+  const {tilts, fills, azimuths, latitudes: rows, meridians: columns, lattice} = known;
+  const step = 180 / (rows - 1), size = rows * columns, last = Math.round(known.ora / step);
+  const half = columns / 2 + 1, stored = rows * half, inLattice = lattice.reduce((product, one) => product * one, 1);
+
+  // An eye of the tables: its measures, and the tables of its tamponades once they are unpacked.
   async function eyeOf(data) {
     const wall = new Float32Array((await inflated(data.wall)).buffer), tables = {};
     for (const [name, packed] of Object.entries(data.tables)) {
-      const bytes = await inflated(packed), nodes = bytes.length / (2 * size + 13);
-      for (let k = 0; k < 2 * nodes * size; k++) if (k % columns) bytes[k] += bytes[k - 1];  // differences along a row
-      tables[name] = {margin: bytes.subarray(0, nodes * size), gap: bytes.subarray(nodes * size, 2 * nodes * size),
-                      doubt: bytes.subarray(2 * nodes * size, 2 * nodes * size + 10 * nodes),
-                      view: bytes.subarray(2 * nodes * size + 10 * nodes)};
+      const bytes = await inflated(packed), nodes = bytes.length / (stored + inLattice + 10), first = nodes * stored;
+      const end = first + nodes * inLattice, row = lattice[2];
+      for (let k = 0; k < first; k++) if (k % half) bytes[k] += bytes[k - 1];  // differences along a row
+      for (let k = first; k < end; k++) if ((k - first) % row) bytes[k] += bytes[k - 1];
+      tables[name] = {margin: bytes.subarray(0, first), depth: bytes.subarray(first, end), doubt: bytes.subarray(end)};
     }
-    return {...data, wall, tables};
+    return {...data, wall, tables, length: Number(data.name)};
+  }
+
+  // An eye of any length, between those of the tables: its measures, and of a tamponade the tables around it with weights.
+  function eyeBetween(eyes, length) {
+    const lengths = eyes.map(one => one.length), [[one, ofOne], [other, ofOther]] = between(length, lengths), eye = {length};
+    for (const [name, value] of Object.entries(eyes[one])) {
+      if (typeof value === "number" || value instanceof Float32Array || Array.isArray(value)) eye[name] = mix(value, eyes[other][name], ofOther);
+    }
+    eye.tablesOf = name => {
+      const having = eyes.filter(each => each.tables[name]);
+      return having.length ? between(length, having.map(each => each.length)).filter(([, weight]) => weight)
+        .map(([k, weight]) => ({...having[k].tables[name], weight})) : null;
+    };
+    return {...eye, volume: mix(Math.cbrt(eyes[one].volume), Math.cbrt(eyes[other].volume), ofOther) ** 3, length};
   }
 
   function between(value, nodes) {
+    if (nodes.length < 2) return [[0, 1], [0, 0]];
     let index = 0;
     while (index < nodes.length - 2 && nodes[index + 1] <= value) index++;
     const share = clamp((value - nodes[index]) / (nodes[index + 1] - nodes[index]), 0, 1);
     return [[index, 1 - share], [index + 1, share]];
   }
 
-  // Where a tamponade goes, as the quarter of all directions that the tables hold, with the weights of what is around.
+  // Where a tamponade goes, and the directions of the tables around it with their weights.
   function place(toward) {
-    const meridian = turned(Math.atan2(toward[0], toward[1]) / radians, 360), half = meridian % 180;
-    const tilt = Math.acos(clamp(-toward[2], -1, 1)) / radians, azimuth = Math.min(half, 180 - half);
-    const cosine = Math.cos(2 * azimuth * radians), sine = Math.sin(2 * azimuth * radians);
-    const around = [0.5 + 0.5 * cosine - 0.5 * sine, sine, 0.5 - 0.5 * cosine - 0.5 * sine];
-    const nodes = [];
+    const meridian = turned(Math.atan2(toward[0], toward[1]) / radians, 360), cosine = Math.cos(meridian * radians) ** 2;
+    const tilt = Math.acos(clamp(-toward[2], -1, 1)) / radians, nodes = [];
     for (const [one, ofTilt] of between(tilt, tilts)) {
-      around.forEach((ofAzimuth, two) => {
+      [cosine, 1 - cosine].forEach((ofAzimuth, two) => {
         if (ofTilt * ofAzimuth) nodes.push([(one * azimuths + two) * fills.length, ofTilt * ofAzimuth]);
       });
     }
-    return {toward, meridian, mirrored: half > 90, nodes};
+    // The meridian to whose sides the contact line lies alike, on an equator that is oval.
+    const mirror = Math.atan2(known.oval * Math.sin(meridian * radians), Math.cos(meridian * radians)) / radians;
+    return {meridian, mirror, nodes};
   }
 
-  const unfilled = fill => -Math.sqrt(1 - fill), spread = fills.map(unfilled);
+  const spreadOf = fill => Math.asin(Math.sqrt(fill)), spread = fills.map(spreadOf);
 
-  // Nodes and weights of a place and a fill; null where one of the shapes was not found.
-  function mixed(table, where, fill) {
+  // Tables, nodes and weights of a place, at a share of each of two fills; null where one of the shapes was not found.
+  function mixed(tables, where, ofFills) {
     const nodes = [];
-    for (const [three, ofFill] of between(unfilled(fill), spread)) {
-      for (const [first, weight] of where.nodes) if (weight * ofFill) nodes.push([first + three, weight * ofFill]);
+    for (const table of tables) for (const [three, ofFill] of ofFills) for (const [first, weight] of where.nodes) {
+      if (weight * ofFill) nodes.push([table, first + three, table.weight * weight * ofFill]);
     }
-    return nodes.every(([node]) => table.margin[node * size]) ? nodes : null;
+    return nodes.every(([table, node]) => table.margin[node * stored]) ? nodes : null;
   }
 
   const toMargin = value => known.reach * (value - 128) / 127;
-  const toGap = value => known.deepest * (value / 255) ** 2;
+  const toDepth = value => known.deepest * (value - 128) / 127;
+  const doubtOf = nodes => Array.from({length: 10}, (_, k) => nodes.reduce(
+    (sum, [table, node, weight]) => sum + weight * table.doubt[10 * node + k], 0));
 
-  // A field of the nodes with meridians that count from 12 o'clock.
-  function field(bytes, nodes, where, of) {
-    const sum = new Float64Array(size), found = new Float32Array(size);
-    for (const [node, weight] of nodes) for (let k = 0; k < size; k++) sum[k] += weight * of(bytes[node * size + k]);
+  // The margin with meridians that count from 12 o'clock.
+  function marginOf(nodes, where) {
+    const sum = new Float64Array(stored), found = new Float32Array(size);
+    for (const [table, node, weight] of nodes) {
+      for (let k = 0; k < stored; k++) sum[k] += weight * table.margin[node * stored + k];
+    }
     for (let column = 0; column < columns; column++) {
       const [first, second, share] = columnsOf(column * step, where);
-      for (let row = 0; row < size; row += columns) {
-        found[row + column] = (1 - share) * sum[row + first] + share * sum[row + second];
+      for (let row = 0; row < rows; row++) {
+        found[row * columns + column] = toMargin((1 - share) * sum[row * half + first] + share * sum[row * half + second]);
       }
     }
     return found;
   }
 
-  // The two columns of a table beside a meridian of the eye, and the share of the second.
+  // The two columns of a table beside a meridian of the eye, and the share of the second: one side mirrors the other.
   function columnsOf(meridian, where) {
-    const from = (meridian - where.meridian) / step, first = Math.floor(from);
-    return [...[first, first + 1].map(k => turned(where.mirrored ? -k : k, columns)), from - first];
+    const from = (meridian - where.mirror) / step, first = Math.floor(from);
+    return [...[first, first + 1].map(k => { const one = turned(k, columns); return Math.min(one, columns - one); }), from - first];
   }
 
-  // The viewpoint of the gaps of the nodes, in the frame of the eye.
-  function viewOf(table, nodes, {meridian, mirrored}) {
-    const [along, turned, front] = [0, 1, 2].map(k => known.viewStep * nodes.reduce(
-      (sum, [node, weight]) => sum + weight * (table.view[3 * node + k] - 128), 0));
-    const [sine, cosine] = [Math.sin(meridian * radians), Math.cos(meridian * radians)], on = mirrored ? -turned : turned;
-    return [sine * along + cosine * on, cosine * along - sine * on, front];
+  // How deep the points of the lattice lie in the tamponade, on both sides.
+  function depthOf(nodes) {
+    const [along, side, front] = lattice, wide = 2 * side - 1, found = new Float32Array(along * wide * front);
+    const sum = new Float64Array(inLattice);
+    for (const [table, node, weight] of nodes) {
+      for (let k = 0; k < inLattice; k++) sum[k] += weight * toDepth(table.depth[node * inLattice + k]);
+    }
+    for (let i = 0; i < along; i++) for (let j = 0; j < wide; j++) for (let k = 0; k < front; k++) {
+      found[(i * wide + j) * front + k] = sum[(i * side + Math.abs(j - side + 1)) * front + k];
+    }
+    return found;
   }
 
-  function lookUp(eye, table, toward, fill) {
-    const where = place(toward), nodes = mixed(table, where, fill);
+  function lookUp(eye, tables, toward, fill) {
+    const where = place(toward), nodes = mixed(tables, where, between(spreadOf(fill), spread));
     if (!nodes) return null;
-    const doubt = new Float64Array(10);
-    for (const [node, weight] of nodes) for (let k = 0; k < 10; k++) doubt[k] += weight * table.doubt[10 * node + k];
-    const sure = [...doubt].map(value => Math.max(value, 0)), order = toward[1] < 0 ? [0, 2, 1, 3] : [0, 1, 2, 3];
-    const margin = field(table.margin, nodes, where, toMargin);
-    return {margin, gap: () => field(table.gap, nodes, where, toGap), view: viewOf(table, nodes, where), shares: shares(eye, margin),
-            low: order.map(k => known.shareStep * sure[k]), high: order.map(k => known.shareStep * sure[4 + k]),
-            shift: [8, 9].map(k => known.shiftStep * sure[k])};
+    const doubt = doubtOf(nodes), order = toward[1] < 0 ? [0, 2, 1, 3] : [0, 1, 2, 3], margin = marginOf(nodes, where);
+    return {margin, depth: () => depthOf(nodes), meridian: where.meridian, shares: shares(eye, margin),
+            low: order.map(k => known.shareStep * doubt[k]), high: order.map(k => known.shareStep * doubt[4 + k]),
+            shift: [8, 9].map(k => known.shiftStep * doubt[k])};
   }
 
   // A value of a field, or of one with twice the rows and columns, at a meridian and a latitude.
@@ -219,26 +244,25 @@ function explorerModel(known) {
 
   // The smallest fill from which on the tamponade reaches beyond a break: the fill and what it may be, low and high.
   // Below the first fill it is 0, above the last 1; null where shapes were not found.
-  function smallestFill(table, toward, points, wanted) {
+  function smallestFill(tables, toward, points, wanted) {
     const where = place(toward), reached = [];
     const corners = points.map(([meridian, latitude]) => {
       const y = clamp(latitude / step, 0, rows - 1), row = Math.min(Math.floor(y), rows - 2);
-      return [row * columns, y - row, ...columnsOf(meridian, where)];
+      return [row * half, y - row, ...columnsOf(meridian, where)];
     });
     for (let three = 0; three < fills.length; three++) {
-      const nodes = where.nodes.map(([first, weight]) => [first + three, weight]);
-      if (!nodes.every(([node]) => table.margin[node * size])) return null;
+      const nodes = mixed(tables, where, [[three, 1]]);
+      if (!nodes) return null;
       let least = Infinity;
       for (const [row, down, first, second, across] of corners) {
         let sum = 0;
-        for (const [node, weight] of nodes) {
-          const of = k => (1 - across) * table.margin[node * size + k + first] + across * table.margin[node * size + k + second];
-          sum += weight * ((1 - down) * of(row) + down * of(row + columns));
+        for (const [{margin}, node, weight] of nodes) {
+          const of = k => (1 - across) * margin[node * stored + k + first] + across * margin[node * stored + k + second];
+          sum += weight * ((1 - down) * of(row) + down * of(row + half));
         }
         least = Math.min(least, toMargin(sum));
       }
-      const shift = [8, 9].map(k => Math.max(nodes.reduce(
-        (sum, [node, weight]) => sum + weight * table.doubt[10 * node + k], 0), 0) * known.shiftStep);
+      const shift = doubtOf(nodes).slice(8).map(one => one * known.shiftStep);
       reached.push([least, least + shift[1], least - shift[0]]);
     }
     return [0, 1, 2].map(which => {
@@ -247,11 +271,11 @@ function explorerModel(known) {
       if (bare < 0) return 0;
       if (bare === fills.length - 1) return 1;
       const share = -margin[bare] / (margin[bare + 1] - margin[bare]);
-      return 1 - (spread[bare] + share * (spread[bare + 1] - spread[bare])) ** 2;
+      return Math.sin(spread[bare] + share * (spread[bare + 1] - spread[bare])) ** 2;
     });
   }
 
-  return {eyeOf, lookUp, at, doubled, pointsOf, beyond, smallestFill, rows, columns, step};
+  return {eyeOf, eyeBetween, lookUp, at, doubled, pointsOf, beyond, smallestFill, rows, columns, step, lattice};
 }
 
 if (typeof module !== "undefined") module.exports = {explorerModel, gravity, direction, clamp, turned, radians};

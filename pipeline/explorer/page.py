@@ -19,8 +19,10 @@ from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.chart import wall_radius
-from pipeline.explorer.errors import Errors
-from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, VIEW_STEP, Table, path_of
+from pipeline.explorer.errors import LENGTH_STEP, Errors
+from pipeline.explorer.interface import SIZE, Lattice
+from pipeline.explorer.lookup import OVAL
+from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, differences, path_of
 from pipeline.explorer.table import REACH as MARGIN_REACH
 from pipeline.pages.turning_view import EYE_AXES, EYE_VIEW, EYE_VIEWS
 from pipeline.pictures.fundus_map import BREAK_COLOR, DISC_DISTANCE, DISC_RADIUS
@@ -60,10 +62,10 @@ def page_of(folder: Path = FOLDER) -> str:
     code = "\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS)
     body = page.rendered(
         HERE / "explorer.html", tamponades=known["tamponades"], eyes=[one["name"] for one in known["eyes"]],
-        views=EYE_VIEWS, parts=PARTS, fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}",
+        views=EYE_VIEWS, parts=PARTS, step=LENGTH_STEP, fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}",
         wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL, tear=f"rgb{BREAK_COLOR}")
     text = page.page(TITLE, [
-        page.paragraph("Oil or gas at rest in an average eye with its own lens. Move the fill, the head and the break.",
+        page.paragraph("Oil or gas at rest in an eye with its own lens. Move the fill, the head and the break.",
                        page.bold(NO_ADVICE)),
         body, library("three.min.js"), Markup(f"<script>\n{code}\nshowExplorer({values});\n</script>"),
         page.details("What this rests on", page.bullets(_assumed(known)), page.section("How far the tables are off"),
@@ -84,7 +86,7 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
     return {
         "tilts": TILTS.tolist(), "azimuths": len(AZIMUTHS), "fills": FILLS, "latitudes": len(LATITUDES),
         "meridians": len(MERIDIANS), "ora": ORA, "reach": MARGIN_REACH, "deepest": DEEPEST, "shareStep": SHARE_STEP,
-        "shiftStep": SHIFT_STEP, "viewStep": VIEW_STEP, "wanted": WANTED, "lineError": UNCERTAIN,
+        "shiftStep": SHIFT_STEP, "lattice": SIZE, "oval": OVAL, "wanted": WANTED, "lineError": UNCERTAIN,
         "fillError": FILL_ERROR, "shareErrors": errors.usual, "largestFill": settings.largest_fill, "eyes": found,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
                               "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},
@@ -102,14 +104,15 @@ def _eye(name: str, eye: Eye, kinds: Mapping[str, Tamponade], folder: Path) -> d
         return None
     cavity = cavity_of(eye)
     low, high = cavity.wall.min(axis=0), cavity.wall.max(axis=0)
-    globe = globe_radius(cavity.wall)
+    globe, lattice = globe_radius(cavity.wall), Lattice.of(cavity)
     return {
         "name": name, "globe": globe, "center": (0.5 * (low + high)).tolist(),
+        "low": lattice.low.tolist(), "step": lattice.step.tolist(),
         "half": float(0.53 * (high - low).max()), "volume": 1e6 * cavity.volume,
         "macula": float(np.degrees(np.arcsin(MACULA_RADIUS / globe))),
         "disc": [float(np.degrees(DISC_DISTANCE / globe)), -DISC_RISE, float(np.degrees(DISC_RADIUS / globe))],
         "wall": _packed(wall_radius(cavity_of(eye, FINE), *_twice(LATITUDES, MERIDIANS)).astype("<f4")),
-        "tables": {kind: _packed(_differences(table.margin), _differences(table.gap), table.doubt, table.view)
+        "tables": {kind: _packed(differences(table.margin), differences(table.depth), table.doubt)
                    for kind, table in tables.items()},
     }
 
@@ -120,15 +123,10 @@ def _twice(latitudes: np.ndarray, meridians: np.ndarray) -> tuple[np.ndarray, np
     return step * np.arange(2 * len(latitudes) - 1), step * np.arange(2 * len(meridians))
 
 
-def _first(found: list[dict[str, Any]]) -> str:
-    """The eye that is shown first: that of ``TABLES``, or one that there is."""
+def _first(found: list[dict[str, Any]]) -> float:
+    """The length of the eye that is shown first, mm: that of ``TABLES``, or one that there is."""
     names = [one["name"] for one in found]
-    return TABLES[0][0] if TABLES[0][0] in names else names[0]
-
-
-def _differences(field: np.ndarray) -> np.ndarray:
-    """The same with every number but the first of a row less the one before it, in eight bits: fewer bytes packed."""
-    return np.concatenate([field[..., :1], np.diff(field, axis=-1)], axis=-1)
+    return float(TABLES[0][0] if TABLES[0][0] in names else names[0])
 
 
 def _packed(*arrays: np.ndarray) -> str:
@@ -142,14 +140,15 @@ def _assumed(known: dict[str, Any]) -> list[str]:
         f"{1e3 * one.liquids.tension:g} mN/m, contact angle {np.degrees(one.liquids.contact_angle):.3g} degrees "
         f"through the aqueous ({' and '.join(f'{np.degrees(angle):.3g}' for angle in one.other_angles)} for the range)"
         for one in tamponades().values())
-    volumes = ", ".join(f"{one['name']} mm long, {one['volume']:.2f} mL behind the lens" for one in known["eyes"])
+    volumes = ", ".join(f"{one['name']} mm long, {one['volume']:.1f} mL behind the lens" for one in known["eyes"])
+    others = " and ".join(f"{one['name']} mm" for one in known["eyes"] if one["name"] != TABLES[0][0])
     return [
-        f"Eye: an average one with its own lens ({volumes}).",
+        f"Eye: with its own lens, as wide as eyes of its length are on average ({volumes}).",
         "Clock hours are those that an observer sees who faces the patient.",
         f"{kinds[0].upper()}{kinds[1:]}. Viscosity does not matter at rest.",
         "The tamponade is one body at rest, the retina is attached, and aqueous wets the rest of the wall. Of two "
         "shapes at rest the one with less energy is shown, and the range holds both where both were found.",
-        f"Shapes of least energy were computed at {len(FILLS)} fills and {len(TILTS)} angles between gravity and the "
-        "axis of the eye, at three azimuths each; what is shown lies between them.",
+        f"Shapes of least energy were computed at {len(FILLS)} fills from {FILLS[0]:.0%} to {FILLS[-1]:.1%}, in an eye "
+        f"of {TABLES[0][0]} mm, at {len(TILTS)} angles between gravity and the axis of the eye and at two azimuths "
+        f"each{f', and fewer in eyes of {others}' if others else ''}. What is shown lies between them.",
     ]
-

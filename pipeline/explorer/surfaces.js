@@ -1,7 +1,11 @@
 // Surfaces for the turning view: wall, oil, break and head, as whole numbers in units of half a scene.
 "use strict";
 
-const bytes = (values, Kind, scale) => Kind.from(values, value => Math.round(clamp(scale * value, -scale, scale)));
+const bytes = (values, Kind, scale, factor = 1) => {
+  const found = new Kind(values.length);
+  for (let k = 0; k < values.length; k++) found[k] = Math.round(clamp(scale * factor * values[k], -scale, scale));
+  return found;
+};
 
 // A mesh of points (x, y, z one behind the other) and triangles (three numbers each), with smooth normals.
 function packedMesh(points, triangles, wall, color, bare = color, toLine = null) {
@@ -37,67 +41,110 @@ function cellsOf(rows, columns, chosen = () => true) {
   return found;
 }
 
-const STRIDE = 1.2e-3;      // m, along a ray to the wall
+// A field with twice the points along an axis, as smooth as cubics make it; sizes of the three axes.
+function finer(field, sizes, axis) {
+  const count = sizes[axis], inner = sizes.slice(axis + 1).reduce((product, one) => product * one, 1);
+  const outer = field.length / (count * inner), many = 2 * count - 1, found = new Float32Array(outer * many * inner);
+  for (let o = 0; o < outer; o++) for (let i = 0; i < inner; i++) {
+    const at = k => field[(o * count + k) * inner + i];
+    const of = k => k < 0 ? 2 * at(0) - at(1) : k >= count ? 2 * at(count - 1) - at(count - 2) : at(k);
+    for (let k = 0; k < count; k++) {
+      found[(o * many + 2 * k) * inner + i] = at(k);
+      if (k + 1 < count) {
+        found[(o * many + 2 * k + 1) * inner + i] = (9 * (at(k) + at(k + 1)) - of(k - 1) - of(k + 2)) / 16;
+      }
+    }
+  }
+  return found;
+}
+
+// Points where a field is zero, one in every cell that it crosses, in steps of the field, and triangles between them.
+function zeroOf(field, [along, side, front]) {
+  const far = side * front, steps = [far, front, 1], number = new Int32Array(field.length), points = [], cells = [];
+  const corners = [0, 1].flatMap(i => [0, 1].flatMap(j => [0, 1].map(k => [i, j, k])));
+  const edges = corners.flatMap((one, a) => corners.flatMap((other, b) => a < b
+    && one.reduce((sum, part, k) => sum + Math.abs(part - other[k]), 0) === 1 ? [[a, b]] : []));
+  const offsets = corners.map(([i, j, k]) => i * far + j * front + k);
+  for (let i = 0; i + 1 < along; i++) for (let j = 0; j + 1 < side; j++) for (let k = 0; k + 1 < front; k++) {
+    const first = i * far + j * front + k;
+    let inside = 0;
+    for (let c = 0; c < 8; c++) if (field[first + offsets[c]] > 0) inside++;
+    if (inside === 0 || inside === 8) continue;
+    const sum = [0, 0, 0];
+    let crossed = 0;
+    for (const [a, b] of edges) {
+      const one = field[first + offsets[a]], other = field[first + offsets[b]];
+      if (one > 0 === other > 0) continue;
+      const share = one / (one - other);
+      for (let axis = 0; axis < 3; axis++) sum[axis] += corners[a][axis] + share * (corners[b][axis] - corners[a][axis]);
+      crossed++;
+    }
+    points.push([i + sum[0] / crossed, j + sum[1] / crossed, k + sum[2] / crossed]);
+    number[first] = points.length;
+  }
+  // Every edge of the field that is crossed has four cells around it.
+  for (let i = 1; i + 1 < along; i++) for (let j = 1; j + 1 < side; j++) for (let k = 1; k + 1 < front; k++) {
+    const here = i * far + j * front + k;
+    for (let axis = 0; axis < 3; axis++) {
+      const inside = field[here] > 0;
+      if (inside === field[here + steps[axis]] > 0) continue;
+      const [u, v] = [steps[(axis + 1) % 3], steps[(axis + 2) % 3]];
+      const around = [here, here - u, here - u - v, here - v].map(one => number[one] - 1);
+      if (around.some(one => one < 0)) continue;
+      const [a, b, c, d] = inside ? around : around.reverse();
+      cells.push(a, b, c, a, c, d);
+    }
+  }
+  return {points, cells};
+}
+
+// Directions of the points of a wall.
+const wallRays = (rows, columns) => Array.from({length: rows * columns}, (_, k) => direction(
+  360 * (k % columns) / columns, 180 * Math.floor(k / columns) / (rows - 1)));
+let rays = null;
 
 function eyeSurfaces(model, eye) {
-  const step = 2.5, rows = 73, columns = 144, {center, half} = eye;
-  const grid = Array.from({length: rows * columns}, (_, k) => [step * (k % columns), step * Math.floor(k / columns)]);
-  const rays = grid.map(([meridian, latitude]) => direction(meridian, latitude));
-  const scaled = found => Float64Array.from({length: 3 * found.length},
-    (_, k) => (found[Math.floor(k / 3)][k % 3] - center[k % 3]) / half);
-  const radius = grid.map(([meridian, latitude]) => model.at(eye.wall, meridian, latitude));
-  const walls = scaled(rays.map((ray, k) => ray.map(part => part * radius[k]))), around = cellsOf(rows, columns);
+  const rows = 2 * model.rows - 1, columns = 2 * model.columns, {center, half} = eye;
+  rays = rays || wallRays(rows, columns);
+  const scaled = found => {
+    const one = new Float64Array(3 * found.length);
+    found.forEach((point, k) => { for (let j = 0; j < 3; j++) one[3 * k + j] = (point[j] - center[j]) / half; });
+    return one;
+  };
+  const walls = scaled(rays.map((ray, k) => ray.map(part => part * eye.wall[k]))), around = cellsOf(rows, columns);
 
   const placeOf = ([x, y, z]) => [Math.atan2(x, y) / radians, Math.acos(clamp(-z / Math.hypot(x, y, z), -1, 1)) / radians];
 
-  // Distance of the wall from a point within, along a ray.
-  function wallFrom(point, ray) {
-    const outside = distance => {
-      const there = point.map((part, j) => part + distance * ray[j]);
-      return Math.hypot(...there) > model.at(eye.wall, ...placeOf(there));
-    };
-    let far = STRIDE;
-    while (far < 2.6 * eye.globe && !outside(far)) far += STRIDE;  // the first wall: another may lie behind the lens
-    let near = far - STRIDE;
-    for (let k = 0; k < 9; k++) {
-      const middle = 0.5 * (near + far);
-      if (outside(middle)) far = middle; else near = middle;
+  // Points of the free surface of a tamponade that goes to a meridian, m, in the frame of the eye, and triangles.
+  function free(depth, meridian) {
+    const [along, side, front] = model.lattice;
+    let sizes = [along, 2 * side - 1, front], field = depth;
+    for (let axis = 0; axis < 3; axis++) {
+      field = finer(field, sizes, axis);
+      sizes = sizes.map((one, k) => k === axis ? 2 * one - 1 : one);
     }
-    return near;
+    const {points, cells} = zeroOf(field, sizes), [sine, cosine] = [Math.sin(meridian * radians), Math.cos(meridian * radians)];
+    return {cells, points: points.map(point => {
+      const [on, beside, ahead] = point.map((one, k) => eye.low[k] + 0.5 * eye.step[k] * (one - (k === 1 ? 2 * (side - 1) : 0)));
+      return [sine * on + cosine * beside, cosine * on - sine * beside, ahead];
+    })};
   }
 
-  // The same field with less of the steps of eight bits; what lies at the wall stays there.
-  function evened(field) {
-    const {rows, columns} = model;
-    return Float32Array.from(field, (value, k) => {
-      const row = Math.floor(k / columns), column = k % columns;
-      if (value < 5e-5 || row === 0 || row === rows - 1) return value;
-      let sum = 0;
-      for (let r = -1; r <= 1; r++) for (let c = -1; c <= 1; c++) {
-        const other = field[(row + r) * columns + (column + c + columns) % columns];
-        if (other < 5e-5) return value;
-        sum += (2 - Math.abs(r)) * (2 - Math.abs(c)) * other / 16;
-      }
-      return sum;
-    });
-  }
+  const painted = {};  // walls in the colors of a tamponade: only where it touches changes
 
   return {
     wall(margin, covered, bare) {
-      const toLine = Array.from(model.doubled(margin), one => one / 1e-3);
-      return packedMesh(walls, around, true, covered, bare, toLine);
+      painted[covered] = painted[covered] || packedMesh(walls, around, true, covered, bare);
+      return {...painted[covered], toLine: bytes(model.doubled(margin), Int8Array, 127, 1e3)};
     },
 
-    // The surface of the tamponade where it leaves the wall, up to the contact line.
-    tamponade(gap, point, margin, color) {
-      const gaps = model.doubled(evened(evened(gap))), fine = model.doubled(margin), toLine = [];
-      const points = rays.map((ray, k) => {
-        const wall = wallFrom(point, ray), distance = clamp(wall - gaps[k], 0, wall);
-        toLine.push(-model.at(fine, ...placeOf(point.map((part, j) => part + wall * ray[j]))) / 1e-3);
-        return ray.map((part, j) => point[j] + distance * part);
-      });
-      const cells = cellsOf(rows, columns, corners => corners.some(k => toLine[k] > 0));
-      return packedMesh(scaled(points), cells, false, color, color, toLine);
+    free,
+
+    // The surface of the tamponade where it leaves the wall, up to the wall.
+    tamponade(depth, meridian, color) {
+      const {points, cells} = free(depth, meridian);
+      const toWall = points.map(point => (model.at(eye.wall, ...placeOf(point)) - Math.hypot(...point)) / 1e-3);
+      return packedMesh(scaled(points), cells, false, color, color, toWall);
     },
 
     // A band around a break.
@@ -161,4 +208,9 @@ function headSurface() {
   ball([0, -0.72, -0.14], [0.3, 0.42, 0.3], skin);
   for (let k = 1; k < points.length; k += 3) points[k] += 0.15;  // in the middle
   return packedMesh(Float64Array.from(points), triangles, false, colors);
+}
+
+if (typeof module !== "undefined") {
+  Object.assign(globalThis, require("./model.js"));
+  module.exports = {eyeSurfaces};
 }

@@ -1,26 +1,38 @@
 """The table of shapes of one eye and one tamponade: made direction by direction, and kept in eight bits."""
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
-from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TILTS, Tamponade
+from pipeline.explorer.cases import (
+    AZIMUTHS,
+    FEW_FILLS,
+    FILLS,
+    HALF,
+    LATITUDES,
+    MERIDIANS,
+    TILTS,
+    Tamponade,
+    fills_at,
+    spread,
+)
 from pipeline.explorer.chart import Chart
+from pipeline.explorer.interface import SIZE
 from pipeline.explorer.shapes import PARTS, Shape, Views, shape_at
 from pipeline.scenes.load import PROJECT_CONFIG
 
 FOLDER = PROJECT_CONFIG / "oil_at_rest" / "explorer"
 REACH = 8e-3                # m from the contact line, where the margin is cut off
-DEEPEST = 25e-3             # m, a gap that no eye exceeds
+DEEPEST = 6e-3              # m from the free surface, where the depth is cut off
 SHARE_STEP = 0.002          # of what shares may be less or more
 SHIFT_STEP = 0.02e-3        # m, of the contact line
 NODES = (len(TILTS), len(AZIMUTHS), len(FILLS))
-VIEW_STEP = 0.1e-3          # m, of the viewpoint
 POLES = (0, len(TILTS) - 1)     # tilts at which every azimuth is the same direction
+UNLIKE = 4e-3                   # m, by which two eyes differ where their shapes are two, and nothing follows
 LEANING = 0.05                  # of a half of the retina: a shape that covers so much more of the other leans to it
 
 
@@ -30,46 +42,44 @@ class Table:
 
     Attributes
     ----------
-    margin : (..., latitudes, meridians) uint8: 1 to 255 mean -``REACH`` to ``REACH``.
-    gap : (..., latitudes, meridians) uint8: the root of gap over ``DEEPEST``, in 255 steps.
+    margin : (..., latitudes, ``HALF``) uint8: 1 to 255 mean -``REACH`` to ``REACH``.
+    depth : (..., *SIZE) uint8: 1 to 255 mean -``DEEPEST`` to ``DEEPEST``.
     doubt : (..., 10) uint8: what shares may be less (4) and more (4), and how far the contact line lies back and beyond
         then (2), which ``with_shifts`` fills in.
-    view : (..., 3) uint8: 128 is 0, in steps of ``VIEW_STEP``, the viewpoint of the gap as ``Shape`` has it.
     shares : (..., 4) float32, covered shares of ``PARTS`` of the shapes themselves.
     """
 
     margin: np.ndarray
-    gap: np.ndarray
+    depth: np.ndarray
     doubt: np.ndarray
-    view: np.ndarray
     shares: np.ndarray
 
     @classmethod
     def of(cls, shapes: list[Shape | None]) -> "Table":
         """Pack shapes, one behind the other. Where none was found all is zero."""
-        size = (len(LATITUDES), len(MERIDIANS))
-        nothing = (np.zeros(size), np.zeros(size), np.zeros(10), np.zeros(3), np.full(len(PARTS), np.nan))
+        nothing = np.zeros((len(LATITUDES), HALF)), np.zeros(SIZE), np.zeros(10), np.full(len(PARTS), np.nan)
         *fields, shares = zip(*(nothing if one is None else (
             128.0 + 127.0 * np.clip(one.margin / REACH, -1.0, 1.0),
-            255.0 * np.sqrt(np.clip(one.gap / DEEPEST, 0.0, 1.0)),
-            np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]),
-            128.0 + one.view / VIEW_STEP, one.shares) for one in shapes), strict=True)
-        margin, gap, doubt, view = (np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8) for values in fields)
-        return cls(margin, gap, doubt, view, np.array(shares, np.float32))
+            128.0 + 127.0 * np.clip(one.depth / DEEPEST, -1.0, 1.0),
+            np.concatenate([one.low / SHARE_STEP, one.high / SHARE_STEP, np.zeros(2)]), one.shares)
+            for one in shapes), strict=True)
+        margin, depth, doubt = map(_eight_bits, fields)
+        return cls(margin, depth, doubt, np.array(shares, np.float32))
 
     def with_shifts(self, chart: Chart) -> "Table":
         """Return the table with how far the contact line moves where the retina is covered by less and by more."""
         doubt = self.doubt.copy()
         for node in np.ndindex(self.margin.shape[:-2]):
-            margin = margin_of(self.margin[node])
+            margin = mirrored(margin_of(self.margin[node]))
             for place, change in ((8, -SHARE_STEP * doubt[node][0]), (9, SHARE_STEP * doubt[node][4])):
                 doubt[node][place] = np.rint(chart.shift(margin, change) / SHIFT_STEP)
         return dataclasses.replace(self, doubt=doubt)
 
     def write(self, path: Path) -> None:
         """Write the table by rename."""
+        packed = dataclasses.replace(self, margin=differences(self.margin), depth=differences(self.depth))
         with replacing(path) as temporary:
-            np.savez_compressed(temporary, **dataclasses.asdict(self))
+            np.savez_compressed(temporary, **dataclasses.asdict(packed))
 
     @classmethod
     def read(cls, path: Path) -> "Table":
@@ -81,10 +91,17 @@ class Table:
         """
         try:
             with np.load(path) as file:
-                return cls(**{name: file[name] for name in file.files})
+                packed = cls(**{name: file[name] for name in file.files})
         except (OSError, ValueError, TypeError) as error:
             raise UserError(f"{path} is damaged ({error}); remove it, and make it again with "
                             "python -m pipeline.explorer_tables") from error
+        margin, depth = (np.cumsum(field, axis=-1, dtype=np.uint8) for field in (packed.margin, packed.depth))
+        return dataclasses.replace(packed, margin=margin, depth=depth)
+
+
+def differences(field: np.ndarray) -> np.ndarray:
+    """The same with every number but the first of a row less the one before it, in eight bits: fewer bytes packed."""
+    return np.concatenate([field[..., :1], np.diff(field, axis=-1)], axis=-1)
 
 
 def margin_of(values: np.ndarray) -> np.ndarray:
@@ -92,14 +109,18 @@ def margin_of(values: np.ndarray) -> np.ndarray:
     return REACH * (np.asarray(values, float) - 128.0) / 127.0
 
 
-def gap_of(values: np.ndarray) -> np.ndarray:
-    """Gaps, m, from those of a table."""
-    return DEEPEST * (np.asarray(values, float) / 255.0) ** 2
+def depth_of(values: np.ndarray) -> np.ndarray:
+    """Depths, m, from those of a table."""
+    return DEEPEST * (np.asarray(values, float) - 128.0) / 127.0
 
 
-def view_of(values: np.ndarray) -> np.ndarray:
-    """Viewpoints, m, from those of a table."""
-    return VIEW_STEP * (np.asarray(values, float) - 128.0)
+def mirrored(field: np.ndarray) -> np.ndarray:
+    """A field (..., ``HALF``) with all meridians."""
+    return np.concatenate([field, field[..., -2:0:-1]], axis=-1)
+
+
+def _eight_bits(values: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)
 
 
 def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:
@@ -107,39 +128,108 @@ def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:
     return folder / f"{eye}mm_{tamponade}.npz"
 
 
-def directions() -> Iterator[tuple[int, int]]:
-    """Indices of tilt and azimuth of the directions that are computed; the rest are turns of these."""
+def directions(*, few: bool = False) -> Iterator[tuple[int, int]]:
+    """Indices of tilt and azimuth of the directions that are computed; few, in another eye than the first."""
     for tilt, azimuth in itertools.product(range(len(TILTS)), range(len(AZIMUTHS))):
-        if azimuth == 0 or tilt not in POLES:
+        if (azimuth == 0 or tilt not in POLES) and fills_at(tilt, few=few):
             yield tilt, azimuth
 
 
-def make(views: Views, chart: Chart, tamponade: Tamponade, folder: Path,
-         advance: Callable[[float], object]) -> Table:
-    """Return the table of an eye and a tamponade; directions that are in the folder already are read.
+def count(*, few: bool = False) -> int:
+    """Return how many shapes are computed for a table."""
+    return sum(len(fills_at(tilt, few=few)) for tilt, _ in directions(few=few))
+
+
+def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folders: Mapping[str, Path],
+         advance: Callable[[float], object], first: Mapping[str, Table] | None = None) -> dict[str, Table]:
+    """Return the tables of an eye by tamponade; directions that are in the folders already are read.
 
     Parameters
     ----------
-    advance : called with the number of shapes found, after each direction.
+    folders : of the directions, by tamponade.
+    advance : called with the number of shapes found, after each direction of all tamponades.
+    first : tables of the first eye, for another one, of which fewer shapes are computed.
     """
-    found = {}
-    for tilt, azimuth in directions():
-        path = folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
-        if not path.is_file():
-            shapes = [shape_at(views, tamponade, AZIMUTHS[azimuth], TILTS[tilt], fill) for fill in FILLS]
-            Table.of(shapes).write(path)
-        found[tilt, azimuth] = Table.read(path)
-        advance(len(FILLS))
+    few = first is not None
+    found: dict[str, dict[tuple[int, int], Table]] = {name: {} for name in tamponades}
+    for tilt, azimuth in directions(few=few):
+        paths = {name: folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
+                 for name, folder in folders.items()}
+        missing = [name for name, path in paths.items() if not path.is_file()]
+        # Tamponade by tamponade at a fill: they are looked at from the same point, and the wall that it sees is kept.
+        shapes = {fill: {name: shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill)
+                         for name in missing} for fill in fills_at(tilt, few=few)}
+        for name in missing:
+            Table.of([one[name] for one in shapes.values()]).write(paths[name])
+        for name, path in paths.items():
+            found[name][tilt, azimuth] = Table.read(path)
+        advance(len(fills_at(tilt, few=few)) * len(paths))
+    return {name: (_whole(one) if first is None else _like(first[name], one)).with_shifts(chart)
+            for name, one in found.items()}
+
+
+def _whole(found: dict[tuple[int, int], Table]) -> Table:
     for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
-        found[tilt, azimuth] = _turned(found[tilt, 0], AZIMUTHS[azimuth])
+        found[tilt, azimuth] = _turned(found[tilt, 0])
+    for (tilt, azimuth), here in list(found.items()):
+        if few := len(FILLS) - len(fills_at(tilt)):
+            found[tilt, azimuth] = _between(found[tilt - 1, azimuth], found[tilt + 1, azimuth], here, few)
     parts = [dataclasses.astuple(found[node]) for node in itertools.product(range(len(TILTS)), range(len(AZIMUTHS)))]
-    whole = (np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True))
-    return Table(*whole).with_shifts(chart)
+    return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
 
 
-def _turned(table: Table, azimuth: float) -> Table:
-    """The same shapes on the axis, with meridians that count from another one; what leans, leans to that one then."""
-    step = -round(azimuth / (MERIDIANS[1] - MERIDIANS[0]))
-    straight = (np.abs(table.shares[:, 1] - table.shares[:, 2]) < LEANING)[:, None, None]
-    return dataclasses.replace(table, **{name: np.where(straight, np.roll(field, step, axis=-1), field)
-                                         for name, field in (("margin", table.margin), ("gap", table.gap))})
+def _like(first: Table, found: dict[tuple[int, int], Table]) -> Table:
+    """The table of an eye of which few shapes are known: the others differ as these do from those of the first eye."""
+    for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
+        found[tilt, azimuth] = _turned(found[tilt, 0])
+    tilts, fills = sorted({tilt for tilt, _ in found}), [FILLS.index(fill) for fill in FEW_FILLS]
+    over_tilts = np.stack([np.interp(TILTS, TILTS[tilts], one) for one in np.eye(len(tilts))], axis=1)
+    places = spread(np.array(FILLS))
+    over_fills = np.stack([np.interp(places, places[fills], one) for one in np.eye(len(fills))], axis=1)
+    nodes = np.ix_(tilts, range(len(AZIMUTHS)), fills)
+    there = np.array([[table.margin.any(axis=(1, 2)) for table in (found[tilt, 0], found[tilt, 1])] for tilt in tilts])
+
+    def field(name: str) -> np.ndarray:
+        whole = getattr(first, name)
+        few = np.stack([[getattr(found[tilt, azimuth], name) for azimuth in range(len(AZIMUTHS))] for tilt in tilts])
+        apart = (few.astype(float) - whole[nodes]).reshape(*there.shape, -1)
+        unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(name, np.inf)
+        apart = np.where(there[..., None] & (np.abs(apart) < unlike), apart, 0.0)
+        made = whole + np.einsum("ta,azfp,gf->tzgp", over_tilts, apart, over_fills, optimize=True).reshape(whole.shape)
+        if name in ("margin", "depth"):  # zero says that no shape was found
+            made = np.where(whole > 0, np.maximum(made, 1.0), 0.0)
+        made = made.astype(np.float32) if name == "shares" else _eight_bits(made)
+        made[nodes] = few
+        return made
+
+    return Table(*(field(one.name) for one in dataclasses.fields(Table)))
+
+
+def _turned(table: Table) -> Table:
+    """The same shapes on the axis, a quarter of a turn on; what leans, leans to that meridian then."""
+    quarter, middle = len(MERIDIANS) // 4, SIZE[0] // 2
+    around, side, along = np.arange(HALF), np.arange(SIZE[1]), np.abs(np.arange(SIZE[0]) - middle)
+    whole = mirrored(table.margin)
+    margin = [whole[..., (quarter + one) % len(MERIDIANS)] for one in (around, -around)]
+    depth = [np.moveaxis(table.depth[:, middle + one][:, :, along], 1, 2) for one in (side, -side)]
+    straight = np.abs(table.shares[:, 1] - table.shares[:, 2]) < LEANING
+    return dataclasses.replace(table, **{
+        name: np.where(np.expand_dims(straight, tuple(range(1, kept.ndim))), _mean(*turned), kept)
+        for name, kept, turned in (("margin", table.margin, margin), ("depth", table.depth, depth))})
+
+
+def _between(before: Table, after: Table, here: Table, few: int) -> Table:
+    """A table of a tilt whose first fills are those between the tilts beside it; none where there is none in one."""
+    there = before.margin[:few].any(axis=(1, 2)) & after.margin[:few].any(axis=(1, 2))
+
+    def mean(name: str) -> np.ndarray:
+        one, other = (getattr(table, name)[:few] for table in (before, after))
+        between = 0.5 * (one + other) if name == "shares" else _mean(one, other) * np.expand_dims(
+            there, tuple(range(1, one.ndim)))
+        return np.concatenate([between, getattr(here, name)])
+
+    return Table(*(mean(field.name) for field in dataclasses.fields(Table)))
+
+
+def _mean(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return ((one.astype(np.uint16) + other + 1) // 2).astype(np.uint8)
