@@ -1,7 +1,7 @@
 """The table of shapes of one eye and one tamponade: made direction by direction, and kept in eight bits."""
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
