@@ -423,6 +423,11 @@ def test_preflight_takes_the_first_that_works(monkeypatch):
     assert opengl.use_working_opengl() == "EGL" and "DISPLAY" not in opengl.os.environ
 
 
+def test_a_window_in_place_of_another_does_not_count():
+    assert not opengl.works("vtkNoRenderWindow")
+    assert opengl.works(opengl.WINDOWS[opengl.find_working_opengl()])
+
+
 @pytest.mark.parametrize("display", ["10.255.255.1:0", thorough(":99"), thorough("nonsense")])
 def test_no_display_is_asked_for(tmp_path, opengl, display):
     """One of an old session, which does not answer, costs no time and no word."""

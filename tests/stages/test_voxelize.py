@@ -191,11 +191,6 @@ def test_spacing_too_large_for_the_eye_is_refused():
         voxelize(scene_with(particle_spacing=3e-3), eye_mesh(eye_shape()))
 
 
-def test_eye_in_two_dimensions_is_refused():
-    with pytest.raises(UserError, match="dimension: is 2"):
-        voxelize(dataclasses.replace(scene_with(), dimension=2), eye_mesh(eye_shape()))
-
-
 @pytest.mark.thorough
 def test_stage_writes_arrays_and_report(tmp_path):
     scene = scene_with(particle_spacing=2e-3)

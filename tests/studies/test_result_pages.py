@@ -113,6 +113,8 @@ def test_a_number_of_the_readme_has_its_uncertainty_before_its_unit():
 
 def change_lacked(code: str, commits: list[str]) -> str | None:
     """The first of some commits that a commit does not have, "" for none; None where git does not know one of them."""
+    if shutil.which("git") is None:
+        return None
     for commit in commits:
         told = subprocess.run(["git", "merge-base", "--is-ancestor", commit, code], cwd=ROOT, capture_output=True,
                               check=False)
