@@ -287,7 +287,8 @@ async function showExplorer(known) {
     roll: () => Math.abs(set.roll) < 0.5 ? "none" : `${set.roll > 0 ? "right" : "left"} ear down ${degrees(Math.abs(set.roll))}`,
     hour: () => tearWords(set.tear, set.side === "right"),
     latitude: () => `${degrees(set.tear.latitude)} from the macula`,
-    width: () => `${+set.tear.width.toFixed(2)} h of the clock, ${(set.tear.width * 30 * radians * Math.sin(set.tear.latitude * radians)
+    width: () => `${+set.tear.width.toFixed(2)} clock hour${set.tear.width === 1 ? "" : "s"}, ${
+      (set.tear.width * 30 * radians * Math.sin(set.tear.latitude * radians)
       * 1e3 * eyeOf(set.eye).globe).toFixed(1)} mm`,
     height: () => `${degrees(set.tear.height)}, ${(set.tear.height * radians * 1e3 * eyeOf(set.eye).globe).toFixed(1)} mm`,
   };
