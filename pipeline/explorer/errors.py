@@ -81,19 +81,35 @@ class Errors:
             -1, len(HEADS) - len(SETTING))
 
     @property
-    def usual(self) -> list[float]:
-        """Error of each part that most settings do not exceed, as a share."""
+    def usual(self) -> tuple[list[float], list[float]]:
+        """Error of each part that most settings do not exceed, as a share: near the first length, and elsewhere."""
         if not self.rows:
-            return [0.01] * 4
-        return np.maximum(np.percentile(np.abs(self.off), USUAL, axis=0), LEAST_USUAL).round(4).tolist()
+            return [0.01] * 4, [0.01] * 4
+        near, elsewhere = (np.abs(self.off[among]) if among.any() else np.abs(self.off)
+                           for among in (self._near, ~self._near))
+        return tuple(np.maximum(np.percentile(one, USUAL, axis=0), LEAST_USUAL).round(4).tolist()
+                     for one in (near, elsewhere))
+
+    @property
+    def elsewhere(self) -> str:
+        """Words on lengths that are not ``NEAR`` the first eye's; empty where none of them was checked."""
+        if not self.rows or self._near.all():
+            return ""
+        off = 100.0 * np.abs(self.off[~self._near, 0])
+        return (f"Eyes of this length were computed more coarsely: of {len(off)} settings checked, "
+                f"{100.0 * (off <= 1.0).mean():.0f} % are within 1 percentage point of the whole retina, and the worst "
+                f"is {off.max():.0f} off.")
+
+    @property
+    def _near(self) -> np.ndarray:
+        return np.abs(np.array([float(row[0]) for row in self.rows]) - float(TABLES[0][0])) <= NEAR
 
     def parts(self) -> list[Markup]:
         """Return paragraphs and tables for a page."""
         if not self.rows:
             return [page.paragraph("No setting between those of the tables was checked.")]
         off = 100.0 * np.abs(self.off)
-        first, length = float(TABLES[0][0]), np.array([float(row[0]) for row in self.rows])
-        near = np.abs(length - first) <= NEAR
+        first, near = float(TABLES[0][0]), self._near
         lines = [(name, f"{one.mean():.2f}", f"{np.percentile(one, USUAL):.1f}", f"{one.max():.1f}",
                   *(f"{100.0 * (one[among] <= 1.0).mean():.0f} %" if among.any() else "-"
                     for among in (near, ~near))) for name, one in zip(PARTS, off.T, strict=True)]

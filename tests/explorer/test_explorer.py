@@ -150,6 +150,11 @@ def test_errors_are_read_as_they_were_written_and_told_on_the_page(tmp_path):
     said = " ".join(read.parts())
     assert "2 random settings" in said and "<td>0.10</td>" in said and "<td>0.6</td>" in said
     assert "No setting" in " ".join(Errors.read(tmp_path / "none").parts())
+    near = ["24.5", *row[1:5], "40.00", "39.50", *row[7:]]
+    both = Errors([row, near])
+    assert [one[0] for one in both.usual] == [0.005, 0.01] and Errors([near]).elsewhere == ""
+    assert "of 1 settings checked, 100 % are within 1 percentage point of the whole retina, and the worst is 1 off" in (
+        both.elsewhere)
 
 
 def test_the_free_surface_of_a_lattice_is_where_it_is():
