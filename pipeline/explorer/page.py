@@ -40,6 +40,7 @@ HERE = Path(__file__).parent
 SCRIPTS = (HERE / "model.js", HERE / "surfaces.js", HERE / "fundus.js", WEB / "viewer.js", HERE / "explorer.js")
 TITLE = "What does the oil touch?"
 PARTS = ("whole retina", "superior half", "inferior half", "macula")
+OTHER = 0.2                 # of the halves of the retina, by which shapes are told apart as two
 WANTED = 0.5e-3             # m, that the tamponade must reach beyond a break
 # Words, how far the face is raised and how far the right ear is lowered, degrees.
 POSTURES = (("upright", 0, 0), ("on the back, head up 30°", 60, 0), ("on the back", 90, 0),
@@ -89,7 +90,7 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
         "meridians": len(MERIDIANS), "ora": ORA, "reach": MARGIN_REACH, "deepest": DEEPEST, "shareStep": SHARE_STEP,
         "shiftStep": SHIFT_STEP, "lattice": SIZE, "oval": OVAL, "wanted": WANTED, "lineError": UNCERTAIN,
         "fillError": FILL_ERROR, "near": NEAR, "shareErrors": errors.usual, "largestFill": settings.largest_fill,
-        "eyes": found,
+        "eyes": found, "other": OTHER,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
                               "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},
         "colors": {"aqueous": ImageColor.getrgb(AQUEOUS), "ink": INK, "faint": FAINT_INK, "tear": BREAK_COLOR},

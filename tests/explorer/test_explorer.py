@@ -318,6 +318,10 @@ def test_the_page_works_in_a_browser(page_file, tmp_path, width):
         assert browser.run("document.documentElement.scrollWidth") <= width, "it scrolls sideways"
         assert comes("location.hash.includes('fill=85&tamponade=light')")
         views = [browser.run("document.querySelector('.fundus canvas').toDataURL()")]
+        notes = "['.several', '.elsewhere'].map(one => document.querySelector(one).hidden).join()"
+        assert browser.run(notes) == "true,true"
+        browser.run("location.hash = '#fill=60&pitch=90&eye=22'")  # on the back the oil may lean up or down
+        assert comes(f"{notes} === 'false,false'")
         browser.run("location.hash = '#fill=120&pitch=90'")
         assert comes("location.hash.includes('fill=98.5')")
         assert "98.5 % is shown" in browser.run("document.querySelector('.message').textContent")
