@@ -538,7 +538,7 @@ output: {duration: 60 s, until_rest: true, frame_interval: 0.5 s, frames_per_seg
     said = [json.loads(path.read_text())["at_rest"] for path in sorted((run.folder / "rest").iterdir())]
     assert said == [False] * (len(said) - 1) + [True] and 2 <= len(said) < 10
     end, last = float(len(said)), f"segment_{len(said) - 1:03d}"
-    assert f"after {end:g} s: at rest" in output
+    assert f"after {end:g} s: nearly at rest" in output
     assert sorted(path.name for path in (run.folder / "frames").glob("segment_*"))[-1] == last
     np.testing.assert_allclose(run.times, np.arange(0.0, end + 0.1, 0.5))
     np.testing.assert_allclose(run.metrics["time [s]"], run.times)
