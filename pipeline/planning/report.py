@@ -125,7 +125,7 @@ def _of_oil(question: Question, words: str, same: Sequence[Answer]) -> str:
     asked, *least = shown_first(question, same)
     said = f"{words[0].upper()}{words[1:]}, patient {posture_words(asked.posture)}: {fill_needed(question, asked)}"
     if asked.verdict(largest) == BORDERLINE:
-        said += f", perhaps more than the {percent(largest)} that are taken as the most"
+        said += f", perhaps more than {percent(largest)}, the most that is assumed to get filled"
     said += "".join(f"; least when {posture_words(one.posture)}, {fill_needed(question, one)}" for one in least
                     if one.covers(largest))
     for what in (BORDERLINE, NOT_COVERED):

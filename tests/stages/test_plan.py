@@ -183,8 +183,8 @@ def test_a_plan_is_told_oil_by_oil_in_words(tables):
     assert least == ("Least of all: heavy oil (Densiron 68), patient upright: 50 % of the cavity is enough (less was "
                      "not looked at).")
     assert light == ("Light oil (silicone oil 1000, 1300, 2000 and 5000), patient upright: 93 % (92 to 96 %) of the "
-                     "cavity, perhaps more than the 95 % that are taken as the most; least when prone, 67 % (62 to "
-                     "74 %) of the cavity; borderline with 95 % when supine.")
+                     "cavity, perhaps more than 95 %, the most that is assumed to get filled; least when prone, 67 % "
+                     "(62 to 74 %) of the cavity; borderline with 95 % when supine.")
     assert heavy == ("Heavy oil (Densiron 68), patient upright: 50 % of the cavity is enough (less was not looked at); "
                      "borderline with 95 % when prone.")
     assert report.reading(asked, found).startswith("At exactly a smallest fill the edge of the oil lies 0.5 mm beyond")
@@ -259,7 +259,7 @@ def test_the_stage_answers_in_words_and_as_a_page(project, tmp_path):
     done = plan("--break", "6h,60deg", "--size", "2h", "--oil", "silicone_oil_1000", "--postures", "upright,prone")
     assert done.returncode == 0, done.stderr
     assert re.search(r"Light oil \(silicone oil 1000\), patient upright: 93 % \(\d+ to \d+ %\) of the cavity, perhaps "
-                     r"more than the 95 % that are taken as the most; least when prone, 67 % ", done.stdout)
+                     r"more than 95 %, the most that is assumed to get filled; least when prone, 67 % ", done.stdout)
     assert "not for decisions on a patient" in done.stdout
     done = plan("--break", "6h,60deg", "--postures", "upright", "--oil", "silicone_oil_1000", "--output",
                 tmp_path / "plan.html", "--confirm", "config/scenes/confirming.yaml", folder=project.folder)
