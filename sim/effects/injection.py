@@ -160,6 +160,7 @@ class Injection(Effect):
     Parameters = InjectionParameters
     fields = (
         Field("volume_rate", "scalar", "m3/s", "dV/dt of growing and shrinking particles", carried=True),
+        Field("growth", "scalar", "1/s", "rate at which liquid grows: sum of dV_j/dt W_ij"),
         Field("merged", "integer", "", "1 for a particle that has gone into another one in this step"),
     )
     uses = ("id", "phase", "position", "velocity", "volume", "mass", "pressure")
@@ -178,7 +179,7 @@ class Injection(Effect):
         super().__init__(parameters, solver)
         self.store, self.pairs, self.distance = solver.particles, solver.pairs, solver.distance
         self.dimension, self.rest_volume, self.spacing = solver.dimension, solver.rest_volume, solver.spacing
-        self.count = solver.count
+        self.count, self.kernel = solver.count, solver.kernel
         names = [liquid.name for liquid in solver.liquids]
         self.entering, self.leaving = names.index(parameters.liquid), names.index(parameters.drained_liquid)
         self.density = [liquid.density for liquid in solver.liquids]
@@ -186,7 +187,7 @@ class Injection(Effect):
         self.fractions = solver.particles.arrays.get("volume_fraction")  # where another effect mixes the liquids
         self.mixes = self.fractions is not None
         self.volume_before = math.nan  # volume of the entering liquid when the flow begins, m^3
-        self.finished = False
+        self.finished, self.flows = False, False
         self.liquid_of = (self.entering, self.leaving, self.leaving)
         points = [parameters.cannula, parameters.drain, parameters.cannula]
         self.point = [ti.Vector([float(v) for v in point[: self.dimension]]) for point in points]
@@ -283,6 +284,7 @@ class Injection(Effect):
     def exchange(self, dt: float) -> None:
         """Split and merge particles, and set the volume rates of this step."""
         self.particles.volume_rate.fill(0.0)
+        self.flows = False
         if self.finished or self.solver.time < self.parameters.start:
             return
         if math.isnan(self.volume_before):
@@ -300,6 +302,7 @@ class Injection(Effect):
             raise RunError(f"{name} runs out at the drain before the fill is reached, lower effects.injection.fill or "
                            "effects.injection.flow")
         self._set_rates(cannula, drain, dt)
+        self.flows = True
         self.finished = missing - amount <= FLOW_ROUNDING * self.rest_volume
 
     # Where.
@@ -589,6 +592,22 @@ class Injection(Effect):
                         self.fractions[i][self.entering] += 1.0 - kept
                         self.particles.mass[i] = density * before + self.density[self.entering] * (
                             self.particles.volume[i] - before)
+
+    def prepare(self, dt: float) -> None:
+        if self.flows:
+            self._measure_growth()
+        else:
+            self.particles.growth.fill(0.0)
+
+    @ti.kernel
+    def _measure_growth(self):
+        for i in range(self.count[None]):
+            total = self.particles.volume_rate[i] * self.kernel.at_zero
+            for slot in range(self.pairs.count[i]):
+                k = self.pairs.entry(i, slot)
+                j = self.pairs.index[k]
+                total += self.particles.volume_rate[j] / self.particles.volume[j] * self.pairs.weight[k]
+            self.particles.growth[i] = total  # (J7)
 
     def finish(self, dt: float) -> None:
         self._grow(dt)

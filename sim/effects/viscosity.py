@@ -59,6 +59,8 @@ class Viscosity(Effect):
         self.unused_hooks = () if parameters.wall == "no_slip" else ("wall_acceleration",)
         self.factor = 2.0 * (solver.dimension + 2.0) if self.central else 2.0
         self.liquids = LiquidViscosity(solver)
+        self.growth = solver.particles.arrays.get("growth")  # where liquid is injected
+        self.grows = self.growth is not None
 
     @classmethod
     def idle(cls, parameters, settings) -> str:
@@ -109,7 +111,10 @@ class Viscosity(Effect):
         mean = self.particles.dynamic_viscosity[i]
         if ti.static(self.liquids.differ or self.liquids.mixes):
             mean = harmonic_mean(mean, self.particles.dynamic_viscosity[j])
-        return self._acceleration(i, mean, self.particles.velocity[i] - self.particles.velocity[j], x_ij, gradient)
+        v_ij = self.particles.velocity[i] - self.particles.velocity[j]
+        if ti.static(self.grows):
+            v_ij -= 0.5 * (self.growth[i] + self.growth[j]) / self.solver.dimension * x_ij  # (V15)
+        return self._acceleration(i, mean, v_ij, x_ij, gradient)
 
     @ti.func
     def wall_acceleration(self, i, b, x_ib, gradient, weight):

@@ -89,6 +89,7 @@ class ViscosityImplicit(Effect):
         self.line = LineFriction(solver, self.liquids.tension) if no_slip and corner and self.liquids.has_line else None
         self.coupling = None  # with the pressure, in schemes that have one
         self.unused_hooks = () if no_slip else ("friction",)
+        self.growth = solver.particles.arrays.get("growth")  # where liquid is injected
         self.partial = partial_results(2)
         self.rho, self.norm, self.momentum = (ti.field(ti.f64, shape=()) for _ in range(3))
         self.alpha, self.beta = (ti.field(real(), shape=()) for _ in range(2))
@@ -166,6 +167,22 @@ class ViscosityImplicit(Effect):
             self.particles.viscous_diagonal[i] += dt * self.line.friction[i]
 
     @ti.kernel
+    def _let_grow(self, dt: float):
+        """Add what viscous forces would do against an even growth, which strains no liquid."""
+        for i in range(self.count[None]):
+            push = self.particles.velocity[i] * 0.0
+            for slot in range(self.form.pairs.count[i]):
+                k = self.form.pairs.entry(i, slot)
+                j = self.form.pairs.index[k]
+                rate = 0.5 * (self.growth[i] + self.growth[j]) / self.form.dimension
+                if rate != 0.0:
+                    x_ij = self.form.search.separation(self.particles.position[i], self.particles.position[j])
+                    push += rate * self.form.against_expansion(k, x_ij)  # (V15)
+            change = dt / self.particles.mass[i] * push
+            self.particles.velocity_given[i] += change
+            self.particles.velocity[i] += change
+
+    @ti.kernel
     def _set_residual(self, v: ti.template(), given: ti.template(), dt: float):
         n = self.count[None]
         for i in range(n):
@@ -234,6 +251,8 @@ class ViscosityImplicit(Effect):
         self.form.assemble(dt)
         if self.line:
             self._add_line(dt)
+        if self.growth is not None:
+            self._let_grow(dt)
         iterations = self.solve(self.particles.velocity, self.particles.velocity_given, dt,
                                 numerics.viscosity_tolerance)
         self._keep_acceleration(dt)

@@ -81,6 +81,7 @@ class VolumeIncompressible(Scheme):
     def meet(self, effects) -> None:
         self.volume_rate = self.solver.particles.arrays.get("volume_rate")  # only where an effect declares it
         self.volumes_change = self.volume_rate is not None
+        self.growth = self.solver.particles.arrays.get("growth")
         self.jump = self._capillary_jump(effects) if self.volumes_change else 0.0
         self.viscous = next((effect for effect in effects if effect.overrides("viscous_mass")), None)
         if self.viscous:
@@ -236,12 +237,7 @@ class VolumeIncompressible(Scheme):
         for i in range(self.count[None]):
             rate = self.operators.volume_rate(self.velocity, i)
             if ti.static(self.volumes_change):
-                total = self.volume_rate[i] * self.search.kernel.at_zero
-                for slot in range(self.pairs.count[i]):
-                    k = self.pairs.entry(i, slot)
-                    j = self.pairs.index[k]
-                    total += self.volume_rate[j] / self.volume[j] * self.pairs.weight[k]
-                rate += self.volume[i] * total  # (P4)
+                rate += self.volume[i] * self.growth[i]  # (P4)
             self.pressure_solver.right_side[i] = rate / dt
 
     @ti.kernel

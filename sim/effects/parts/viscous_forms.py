@@ -60,6 +60,11 @@ class ViscousForm(abc.ABC):
         """total + dt (K v) of particle i, N s."""
         return ti.static(None)
 
+    @ti.func
+    def against_expansion(self, k, x_ij):
+        """K v of pair k, where v_ij = x_ij times a rate, over that rate, kg m/s."""
+        return ti.static(None)
+
 
 @data_oriented
 class CentralForm(ViscousForm):
@@ -127,6 +132,11 @@ class CentralForm(ViscousForm):
                 total += (dt * s.dot(v_i)) * s
         return total
 
+    @ti.func
+    def against_expansion(self, k, x_ij):
+        s = self.pair_vector[k]
+        return s.dot(x_ij) * s
+
 
 @data_oriented
 class LaplacianForm(ViscousForm):
@@ -179,6 +189,10 @@ class LaplacianForm(ViscousForm):
             k = self.pairs.entry(i, slot)
             total += (dt * self.pair_coefficient[k]) * (v_i - v[self.pairs.index[k]])
         return total
+
+    @ti.func
+    def against_expansion(self, k, x_ij):
+        return self.pair_coefficient[k] * x_ij
 
 
 @data_oriented
@@ -349,6 +363,14 @@ class StrainForm(ViscousForm):
             if self.pair_coefficient[k] > 0.0:
                 turning += self._turned(self.spin[self.pairs.index[k]], self.pair_vector[k])
         return total + dt * (self.straight[i] - turning)  # (V9)
+
+    @ti.func
+    def against_expansion(self, k, x_ij):
+        g = self.pair_vector[k]
+        force = g.dot(x_ij) * g
+        if self.pair_coefficient[k] > 0.0:
+            force = 2.0 * g
+        return force
 
 
 FORMS = {"central": CentralForm, "laplacian": LaplacianForm, "strain": StrainForm}

@@ -116,6 +116,31 @@ def injection_of(solver, **changes):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(("name", "form"), [
+    ("viscosity_implicit", "central"), ("viscosity", "central"),
+    *(pytest.param("viscosity_implicit", form, marks=pytest.mark.thorough) for form in ("laplacian", "strain"))])
+def test_viscosity_does_not_resist_an_even_growth(circle, name, form):
+    """Liquid that grows evenly moves apart and is not strained; a growth that is uneven gives nobody momentum."""
+    entering = cavities.parameters("injection", liquid="oil", drained_liquid="aqueous", flow=1e-6, fill=0.9,
+                                   cannula=(0.0, 4e-3, 0.0), drain=(0.0, -9e-3, 0.0))
+    viscous = cavities.parameters(name, form=form, wall="free_slip")
+    solver = cavities.build(circle, effects=(entering, viscous), viscosity_tolerance=1e-10)
+    next(one for one in solver.effects if one.name == name).prepare(0.0)
+    rate, dt = 100.0, 1e-5
+    position, mass = cavities.read(solver, "position", "mass")
+    apart = 0.5 * rate * position
+    uneven = np.random.default_rng(0).uniform(size=len(apart))
+    for growth in (np.ones_like(uneven), uneven):
+        solver.particles.from_numpy("velocity", apart)
+        solver.particles.from_numpy("growth", rate * growth)
+        before = cavities.momentum(solver)
+        solver.accelerate(dt)
+        solver.correct_velocity(dt)
+        change = np.abs(cavities.read(solver, "velocity")[0] - apart).max() / np.abs(apart).max()
+        assert change > 1e-4 if growth is uneven else change < 1e-6
+        np.testing.assert_allclose(cavities.momentum(solver), before, atol=1e-9 * np.abs(mass[:, None] * apart).sum())
+
+
 def test_draining_a_liquid_that_is_not_there_is_refused(mixed):
     injection = injection_of(mixed, liquid="aqueous", drained_liquid="oil", fill=1.0)
     with pytest.raises(RunError, match=r"no oil is left to exchange, lower effects\.injection\.fill"):
