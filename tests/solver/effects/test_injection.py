@@ -115,7 +115,6 @@ def injection_of(solver, **changes):
     return type(solver.effects[0])(dataclasses.replace(parameters, **changes), solver)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "form"), [
     ("viscosity_implicit", "central"), ("viscosity", "central"),
     *(pytest.param("viscosity_implicit", form, marks=pytest.mark.thorough) for form in ("laplacian", "strain"))])
@@ -141,6 +140,7 @@ def test_viscosity_does_not_resist_an_even_growth(circle, name, form):
         np.testing.assert_allclose(cavities.momentum(solver), before, atol=1e-9 * np.abs(mass[:, None] * apart).sum())
 
 
+@pytest.mark.thorough
 def test_draining_a_liquid_that_is_not_there_is_refused(mixed):
     injection = injection_of(mixed, liquid="aqueous", drained_liquid="oil", fill=1.0)
     with pytest.raises(RunError, match=r"no oil is left to exchange, lower effects\.injection\.fill"):
