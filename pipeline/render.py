@@ -19,6 +19,7 @@ from pipeline.base.usage import frame_done
 from pipeline.base.vtk_files import read_vtk
 from pipeline.cavity.initial_state import load_initial
 from pipeline.pictures.anterior_segment import anterior_segment
+from pipeline.pictures.container_panel import length_in_words
 from pipeline.pictures.container_picture import ContainerRenderer
 from pipeline.pictures.eye_layout import HEADER, columns_of, rows_of
 from pipeline.pictures.fundus_map import BREAK_COLOR, Coverage, FundusMap
@@ -230,7 +231,7 @@ class Renderer:
             for index in self.shown:
                 left = swatch(self.scene.liquids[index].color, pretty(self.scene.liquids[index].name))
         canvas.paste(self.fundus.hatch_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
-        left = words(left + 3.6 * u, "edge, ± half a particle spacing")
+        left = words(left + 3.6 * u, f"edge, ± {length_in_words(0.5 * self.scene.numerics.particle_spacing)}")
         if knows_films(self.scene):
             canvas.paste(self.fundus.film_sample((round(3.6 * u), round(bottom - top))), (round(left), round(top)))
             draw.rectangle([left, top, left + 3.6 * u, bottom], outline=FAINT_INK)

@@ -1,4 +1,4 @@
-"""Where the panels of a picture of an eye are: the section, the opened eye, and the map of the fundus."""
+"""Where the parts of a picture of an eye are: the section, the opened eye, the map of the fundus, and the legend."""
 import numpy as np
 from PIL import Image
 
@@ -22,6 +22,12 @@ def columns_of(width: int, *, opened: bool = True) -> list[int]:
     [0, 370, 620, 1000]
     """
     return [round(width * share) for share in np.cumsum([0.0, *(COLUMNS if opened else COLUMNS_WITHOUT_VIEW)])]
+
+
+def legend_of(picture: Image.Image, height: int) -> Image.Image:
+    """Return the legend below the panels of a picture, of a height in pixels."""
+    legend = picture.crop((0, rows_of(picture.height)[1], *picture.size))
+    return legend.resize((round(legend.width * height / legend.height), height), Image.Resampling.LANCZOS)
 
 
 def section_and_map(picture: Image.Image, width: int) -> list[Image.Image]:

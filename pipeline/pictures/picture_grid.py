@@ -30,20 +30,23 @@ def as_png(canvas, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
-def sheet(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]], across: int = 1) -> bytes:
+def sheet(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]], across: int = 1,
+          legends: Sequence[Image.Image] = ()) -> bytes:
     """Rows of pictures as PNG, each row with a title, each picture with a caption below.
 
     Parameters
     ----------
     rows : title, and pictures of the large canvas with their captions; all of one width.
     across : how many rows are side by side.
+    legends : pictures below all of them, from the left edge on.
     """
     gap, line = GAP * OVERSAMPLING, 1.5 * LETTERS * OVERSAMPLING
     width = rows[0][1][0][0].width
     block = max(len(row) for _, row in rows) * (width + gap) + 2 * gap
     heights = [max(picture.height for _, row in rows[first:first + across] for picture, _ in row) + round(2.5 * line)
                for first in range(0, len(rows), across)]
-    canvas = Image.new("RGB", (across * block, sum(heights)), (255, 255, 255))
+    end = sum(heights)
+    canvas = Image.new("RGB", (across * block, end + sum(legend.height for legend in legends)), (255, 255, 255))
     draw = ImageDraw.Draw(canvas)
     for number, (title, row) in enumerate(rows):
         left, top = gap + number % across * block, sum(heights[:number // across])
@@ -53,6 +56,9 @@ def sheet(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]], across:
             canvas.paste(picture, (x, round(top + 1.2 * line)))
             write(draw, (x + 0.5 * width, top + 1.4 * line + picture.height), caption, LETTERS * OVERSAMPLING,
                   anchor="ma", width=width)
+    for legend in legends:
+        canvas.paste(legend, (0, end))
+        end += legend.height
     buffer = io.BytesIO()
     reduce(canvas).save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()

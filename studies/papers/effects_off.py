@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from pipeline.advice.report import report_of
 from pipeline.advice.rules import SEEN_EFFECT
 from pipeline.base.frame_files import FrameData
-from pipeline.pictures.eye_layout import section_and_map
+from pipeline.pictures.eye_layout import legend_of, section_and_map
 from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.pictures.picture_grid import sheet
 from pipeline.runs.run_folder import RunFolder
@@ -35,6 +35,7 @@ FIGURES = (
            "height of the center (superior) / mm"),
 )
 WIDTH, ACROSS = 330, 2  # pixels of a section, and of a map of the fundus; scenes side by side
+LEGEND = 52  # pixels, height of a legend
 PICTURES = ("effects_pictures",)
 OFF = "_without_"  # in the name of a scene, between the scene that it extends and the effect that it lacks
 METRICS = {"wall coverage": ("wall_coverage", "%"), "fill": ("fill", "%"), "rms speed": ("speed_rms", "mm/s")}
@@ -165,14 +166,17 @@ def _load(run: RunFolder, liquid: str) -> Result:
 
 
 def _side_by_side(order: list[tuple[Result, str]]) -> bytes:
-    """Sections and maps of the fundus of all scenes at their ends, as PNG."""
-    rows = []
+    """Sections and maps of the fundus of all scenes at their ends, as PNG; the legends of those with all effects."""
+    rows, legends = [], []
     for one, caption in order:
-        with Image.open(one.picture) as picture:
-            drawn = section_and_map(picture.convert("RGB"), OVERSAMPLING * WIDTH)
+        with Image.open(one.picture) as opened:
+            picture = opened.convert("RGB")
+        drawn = section_and_map(picture, OVERSAMPLING * WIDTH)
+        if not caption:
+            legends.append(legend_of(picture, OVERSAMPLING * LEGEND))
         rows.append((f"{one.scene.title}: {caption or f'{one.seconds:.0f} s of computing time'}",
                      [(panel, "") for panel in drawn]))
-    return sheet(rows, ACROSS)
+    return sheet(rows, ACROSS, legends)
 
 
 FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images", "effects.csv"),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.pictures.eye_layout import section_and_map
+from pipeline.pictures.eye_layout import legend_of, section_and_map
 from pipeline.pictures.marks import OVERSAMPLING
 from pipeline.pictures.picture_grid import evenly, sheet
 from pipeline.runs.run_folder import RunFolder
@@ -26,6 +26,7 @@ FIGURES = (
     Figure("oil_interface", "Area between oil and aqueous", "time / s", "interface / cross-section of the eye"),
 )
 WIDTH = 330  # pixels of a section, and of a map of the fundus
+LEGEND = 70  # pixels, height of the legend
 PICTURES = ("oil_shape_pictures",)
 
 
@@ -107,18 +108,19 @@ def measured(surface, spacing: float) -> tuple[float, float, int]:
 
 
 def _side_by_side(oils: list[Oil], count: int) -> bytes:
-    """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG."""
+    """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG; one legend."""
     shortest = min(oils, key=lambda oil: oil.time[-1]).time
     times = shortest[evenly(count, len(shortest))]
     rows = []
     for oil in oils:
         row = []
         for index in np.abs(oil.time[:, None] - times).argmin(axis=0):  # scenes keep frames at intervals of their own
-            with Image.open(oil.pictures[index]) as picture:
-                section, fundus = section_and_map(picture.convert("RGB"), OVERSAMPLING * WIDTH)
+            with Image.open(oil.pictures[index]) as opened:
+                picture = opened.convert("RGB")
+            section, fundus = section_and_map(picture, OVERSAMPLING * WIDTH)
             row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]
         rows.append((oil.scene.title, row))
-    return sheet(rows)
+    return sheet(rows, legends=[legend_of(picture, OVERSAMPLING * LEGEND)])
 
 
 FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images"), figures=FIGURES,

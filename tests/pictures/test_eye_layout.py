@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from pipeline.pictures.eye_layout import columns_of, rows_of, section_and_map
+from pipeline.pictures.eye_layout import columns_of, legend_of, rows_of, section_and_map
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (641, 400)])
@@ -19,3 +19,5 @@ def test_section_and_map_are_cut_out_without_the_texts_around(size):
         pixels = np.asarray(panel)
         assert (pixels == color).all(axis=-1).mean() > 0.95
         assert not (pixels == (255, 0, 0)).all(axis=-1).any()
+    legend = np.asarray(legend_of(picture, 60))
+    assert len(legend) == 60 and (legend == (255, 0, 0)).all(axis=-1).mean() > 0.9

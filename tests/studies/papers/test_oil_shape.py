@@ -13,7 +13,7 @@ def test_scenes_that_keep_frames_at_other_intervals_are_drawn_at_the_same_times(
     Image.new("RGB", (2400, 1200)).save(path)
     scene, drawn = load_scene(ROOT / "config/scenes/tests/tiny.yaml", "draft"), []
     monkeypatch.setattr(oil_shape, "section_and_map", lambda picture, width: (picture, picture))
-    monkeypatch.setattr(oil_shape, "sheet", lambda rows: drawn.extend(rows))
+    monkeypatch.setattr(oil_shape, "sheet", lambda rows, legends: drawn.extend(rows))
     oils = [oil_shape.Oil(scene, [path] * len(time), time, *[np.ones(len(time))] * 3)
             for time in (np.linspace(0.0, 4.0, 41), np.linspace(0.0, 10.0, 201))]
     oil_shape._side_by_side(oils, 2)
