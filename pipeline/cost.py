@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base import cli, page
-from pipeline.base.files import size_of, write_text
+from pipeline.base.files import write_text
 from pipeline.base.tables import TIME, read_table
 from pipeline.base.usage import taken_by, usage_files
 from pipeline.base.words import duration, memory
@@ -95,10 +95,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scene = run.scene
     level = read_level(options.estimate, scene) if options.estimate else None
     errors = errors_of(scene, float(load_initial(options.initial)["cavity_volume"]))
-    disk = float(sum(size_of(run.folder / name) for name in FILES))
     taken = taken_by(usage_files(options.logs, run.segments))
     table = read_table(options.metrics)
-    lines = compared(level, taken, table, disk, scene.output.frame_interval)
+    lines = compared(level, taken, table, float(run.size_of(FILES)), scene.output.frame_interval)
     remark = (f"Predicted were {scene.output.duration:g} s, the most; the scene ended after {table[TIME][-1]:g} s."
               if scene.output.until_rest else "")
     write_text(options.output, page_of(scene, errors, lines, options.output, remark, predicted=level is not None))

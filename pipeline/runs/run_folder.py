@@ -6,11 +6,13 @@ are, and where it ends at rest, the files of the rest stage do.
 import csv
 import dataclasses
 import functools
-from pathlib import Path
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path
 from pipeline.base.sequences import PICTURES_AGAIN, in_sequence, number_of
 from pipeline.base.tables import read_table
@@ -19,6 +21,7 @@ from pipeline.cavity.initial_state import load_initial
 from pipeline.measures.events import Event, events_of
 from pipeline.measures.least_energy import LeastEnergy, read_least_energy
 from pipeline.measures.metric import Metric, read_meanings
+from pipeline.runs.contents import segment_of
 from pipeline.runs.segments import segment_path, segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
@@ -122,7 +125,12 @@ class RunFolder:
     @functools.cached_property
     def table(self) -> dict[str, np.ndarray]:
         """Metrics of every frame, column -> (frames,)."""
-        return read_table(self.folder / "metrics.csv")
+        path = self.folder / "metrics.csv"
+        table = read_table(path)
+        if (count := len(table["frame"])) > self.frame_count:
+            raise UserError(f"{path}: has {count} frames, but the run has {self.frame_count}, so that a longer run has "
+                            f"left it; make it anew: snakemake -j2 outputs/{self.scene.name}/{self.level}/{path.name}")
+        return table
 
     @functools.cached_property
     def metrics(self) -> list[Metric]:
@@ -154,6 +162,13 @@ class RunFolder:
         """The table of effects: part -> its row."""
         with (self.folder / "effects.csv").open(encoding="utf-8") as file:
             return {row["part"]: row for row in csv.DictReader(file)}
+
+    def size_of(self, names: Iterable[str]) -> int:
+        """Return the bytes of files and folders of the run."""
+        paths = [path for name in names for path in (self.folder / name, *(self.folder / name).rglob("*"))]
+        own = {None, *self.segments}
+        return sum(path.stat().st_size for path in paths
+                   if path.is_file() and segment_of(PurePosixPath(path.relative_to(self.folder).as_posix())) in own)
 
     @functools.cached_property
     def taken(self) -> dict[str, dict[str, float]]:

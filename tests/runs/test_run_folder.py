@@ -132,6 +132,33 @@ def test_costs_and_what_stages_took_are_those_of_its_own_segments(folder):
     assert taken_of(folder)["simulate"]["cpu"] == 20.0
 
 
+def test_the_disk_that_a_run_takes_is_that_of_its_own_segments(folder, capsys):
+    (folder / "checkpoints").mkdir(exist_ok=True)
+    for segment, size in ((0, 2**30), (1, 2**31), (2, 2**32)):
+        with (folder / "checkpoints" / f"segment_{segment:03d}.npz").open("wb") as file:
+            file.truncate(size)  # takes no disk
+    cost.main([str(folder / name) for name in ("scene.json", "initial.npz", "metrics.csv")]
+              + ["--logs", str(folder / "logs"), "--output", str(folder.parent / "cost.html")])
+    (said,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("disk")]
+    assert float(said.split()[1]) == pytest.approx(3.0, abs=0.01) and said.split()[2] == "GiB"
+
+
+@pytest.mark.parametrize("reader", ["library", "effects_off", "compare"])
+def test_metrics_that_a_longer_run_has_left_are_told(folder, tmp_path, reader):
+    """Shortened, the scene has other ends: those of its table are not those of its frames."""
+    for path in folder.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / "metrics.csv").unlink()
+    index = np.arange(float(LEFT))
+    write_table(tmp_path / "metrics.csv", {"frame": index, "time [s]": INTERVAL * index})
+    (tmp_path / "metrics.json").write_text('{"metrics": []}')
+    run = RunFolder(tmp_path)
+    with pytest.raises(UserError, match=r"metrics\.csv: has 7 frames, but the run has 5, so that a longer run has left "
+                                        r"it; make it anew: snakemake -j2 outputs/tiny/draft/metrics\.csv"):
+        {"library": lambda: pipeline.open_run(tmp_path).metrics, "effects_off": lambda: effects_off._load(run, OIL),
+         "compare": lambda: levels.common_frames([run, run])}[reader]()
+
+
 def test_every_frame_has_its_files(folder):
     run = RunFolder(folder)
     assert [frame.number for frame in run.frames] == list(range(KEPT)) and len(run.times) == KEPT
