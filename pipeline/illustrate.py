@@ -11,6 +11,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from pipeline.base.checksum import checksum_at_end
 from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing, write_text
@@ -37,10 +38,11 @@ def illustrate(scene: Scene, eye, frames: Path, surfaces: Path, output: Path, la
     Parameters
     ----------
     last : folder of the frames whose last one decides along which plane the eye is opened.
-    depends : pictures drawn with another one are drawn again.
+    depends : pictures drawn with another one are drawn again, as are those of other frames or surfaces.
     """
     begun = output.with_name(f"{output.name}.begun")
-    wanted = json.dumps([repr(style), depends, str(frames)])
+    shown = [path for folder in (frames, surfaces) for path in sorted(folder.glob("frame_*.vt?"))]
+    wanted = json.dumps([repr(style), depends, *map(checksum_at_end, [*shown, *find_frames(last)[-1:]])])
     mark = begun / DONE_WITH
     if not mark.is_file() or mark.read_text(encoding="utf-8") != wanted:
         for path in begun.glob("*"):

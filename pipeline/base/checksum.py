@@ -45,6 +45,13 @@ def check(path: str | os.PathLike) -> None:
         raise DamagedFile(path, "it differs from its checksum, so a byte of it has changed")
 
 
+def checksum_at_end(path: str | os.PathLike) -> str:
+    """Return the checksum that a file ends in, without a look at what is before it."""
+    with open(path, "rb") as file:
+        file.seek(-LENGTH, os.SEEK_END)
+        return file.read().removeprefix(BEGIN).removesuffix(END).decode(errors="replace")
+
+
 def _checksum(path: Path, size: int) -> bytes:
     """The SHA-256 of the first bytes of a file, in hexadecimal digits."""
     digest = hashlib.sha256()

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from pipeline import illustrate, movie, still, turntable
+from pipeline.base.checksum import append_checksum
 from pipeline.base.errors import UserError
 from pipeline.cavity.signed_distance_grid import distance_of_mesh
 from pipeline.illustration import mitsuba_picture
@@ -314,18 +315,31 @@ def test_a_film_that_was_stopped_goes_on_after_its_last_picture(tmp_path, monkey
             return Image.new("RGB", (4, 4))
 
     monkeypatch.setattr(illustrate, "Illustrator", Counting)
-    monkeypatch.setattr(illustrate, "find_frames", lambda folder: [tmp_path / f"frame_{k:05d}.vtu" for k in range(3)])
+    def write(name, text):
+        (tmp_path / name).write_text(text)
+        append_checksum(tmp_path / name)
+
+    for number in range(3):
+        write(f"frame_{number:05d}.vtu", "particles")
+    (tmp_path / "surfaces").mkdir()
+    write("surfaces/frame_00001_aqueous.vtp", "a surface")
     monkeypatch.setattr(illustrate, "read_frame", lambda path: types.SimpleNamespace(name=path.stem, gravity=None))
     monkeypatch.setattr(illustrate, "read_surfaces", lambda *_: {})
     scene = load_scene("config/scenes/tamponade.yaml", "draft")
 
     def run(depends):
-        illustrate.illustrate(scene, None, tmp_path, tmp_path, tmp_path / "out", tmp_path, Style("pyvista"), depends)
+        illustrate.illustrate(scene, None, tmp_path, tmp_path / "surfaces", tmp_path / "out", tmp_path,
+                              Style("pyvista"), depends)
 
-    with pytest.raises(KeyboardInterrupt):
-        run("a")
-    kept, drawn[:] = [one.name for one in drawn], []
-    assert kept == ["frame_00000", "frame_00001"] and not (tmp_path / "out").exists()
+    # What was drawn of older surfaces, or beside another last frame, is drawn again.
+    for change in (lambda: None, lambda: write("surfaces/frame_00001_aqueous.vtp", "another surface"),
+                   lambda: write("frame_00002.vtu", "other particles")):
+        change()
+        drawn.clear()
+        with pytest.raises(KeyboardInterrupt):
+            run("a")
+        assert [one.name for one in drawn] == ["frame_00000", "frame_00001"] and not (tmp_path / "out").exists()
+    drawn.clear()
     run("a")
     assert [one.name for one in drawn] == ["frame_00002"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [f"frame_{k:05d}.png" for k in range(3)]
