@@ -12,13 +12,13 @@ from pathlib import Path
 
 from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
-from pipeline.base.files import replacing_folder
+from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.origin import code, machine
 from pipeline.base.threads import checked_threads
 from pipeline.scenes.devices import HELP, checked_device
 from pipeline.studies.model import Outcome
 from pipeline.studies.plan import Case, Study, load_study, study_names
-from pipeline.studies.report import OUTPUTS, write_study
+from pipeline.studies.report import DEPENDS, OUTPUTS, write_study
 
 
 def precision_of(case: Case) -> str:
@@ -100,9 +100,11 @@ def _refuse_missing(study: Study, cases: Sequence[Case]) -> None:
 
 
 def _run_into(case: Case, folder: Path, threads: int, device: str) -> None:
+    depends = case.digest()
     outcome = run_case(case, threads, device, keep_to_core=True)
     with replacing_folder(folder) as partial:
         outcome.write(partial)
+        write_text(partial / DEPENDS, depends)
 
 
 if __name__ == "__main__":

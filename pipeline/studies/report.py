@@ -21,20 +21,27 @@ COLORS = ("#1b6ca8", "#c8553d", "#3a8f5c", "#8e5ba6", "#c99a2e", "#4b4e57", "#d1
 VERDICTS = {"true": "✓", "false": "✗", "": ""}
 OUTPUTS = Path("outputs/studies")
 SO_FAR = "so_far"  # folder in that of a study
+DEPENDS = "depends.txt"  # in the folder of a case, beside its outcome: the digest of the case that was run
 MOST_LABELS = 40  # of curves in a figure: the names of more cannot be read
 MOST_LINES = 20  # of rows that do not hold in the summary; all of them are in the table
 
 
 def outcomes_so_far(study: Study, folder: Path) -> list[Outcome]:
-    """Return the outcomes of all cases in the folder of a study; those that are missing say why."""
+    """Return the outcomes of all cases in the folder of a study; those that are missing say why.
+
+    An outcome of other parameters or of other code, which the next run replaces, is none of the case.
+    """
     return [_outcome_so_far(case, folder) for case in study.cases.values()]
 
 
 def _outcome_so_far(case: Case, folder: Path) -> Outcome:
-    if not (folder / "cases" / case.name / OUTCOME).is_file():
+    own = folder / "cases" / case.name
+    if not (own / OUTCOME).is_file():
         return Outcome.failed(case.name, _why_missing(case, folder / "logs" / f"{case.name}.log"))
+    if (own / DEPENDS).is_file() and (own / DEPENDS).read_text(encoding="utf-8") != case.digest():
+        return Outcome.failed(case.name, "what is there is of an earlier version of the case or its code; run it again")
     try:
-        return Outcome.read(folder / "cases" / case.name)
+        return Outcome.read(own)
     except UserError as error:
         return Outcome.failed(case.name, str(error))
 

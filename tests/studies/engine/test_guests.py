@@ -12,7 +12,11 @@ from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.studies.family import family_names, family_of
 from pipeline.studies.guests import family_modules, page_modules
+from pipeline.studies.model import Outcome, Row
 from pipeline.studies.plan import load_study
+from pipeline.studies.report import write_study
+from pipeline.workflow.scenes import Workflow
+from pipeline.workflow.studies import Studies
 
 FALL = '''
 """A stone that falls: how fast it is below."""
@@ -91,6 +95,27 @@ def test_digests_follow_what_a_family_imports_from_beside_it(studies):
     case = load_study("stone").case("fall-1")
     names = {path.name for path in modules_used(case.family.module)}
     assert {"fall.py", "_law.py", "model.py"} <= names and "stone_page.py" not in names
+
+
+def test_every_row_tells_by_which_code_and_where_it_was_found(studies):
+    """And one of a case without a result, by which all were."""
+    asked = load_study("stone")
+    found = [Outcome([Row("speed", 1.0, "m/s")], case=case, machine=machine, code=code) for case, machine, code in (
+        ("fall-1", "a machine", "0.1"), ("fall-0.45", "another one", "0.2"))]
+    write_study(asked, [*found, Outcome.failed("fall-2", "it was not let go")], Path("so_far"), complete=False)
+    with open("so_far/table.csv", newline="") as file:
+        rows = {row["case"]: (row["machine"], row["code"]) for row in csv.DictReader(file)}
+    assert rows == {"fall-1": ("a machine", "0.1"), "fall-0.45": ("another one", "0.2"),
+                    "fall-2": ("a machine; another one", "0.1; 0.2")}
+
+
+@pytest.mark.usefixtures("nothing_planned")
+def test_the_page_of_a_study_is_made_again_when_its_code_changes(studies):
+    asked, told = Studies(Workflow({"scenes": ["tiny"], "accuracy": "draft"})), []
+    for more in ("", "# why\n", "MORE = 1\n"):
+        (studies / "stone_page.py").write_text(PAGE + more)
+        told.append(asked.report_depends("stone", "draft"))
+    assert told[0] == told[1] != told[2]
 
 
 def test_another_folder_has_other_families(studies, tmp_path_factory, monkeypatch):

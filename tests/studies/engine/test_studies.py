@@ -14,6 +14,7 @@ from conftest import ROOT
 from helpers.cases import thorough
 from helpers.snakemake_output import TRACE, planned
 
+from pipeline import study as study_stage
 from pipeline import study_report
 from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
@@ -158,6 +159,23 @@ def test_table_so_far_says_of_every_case_why_it_has_no_result(write, monkeypatch
     assert not (folder / "table.csv").exists()
 
 
+def test_what_is_known_so_far_has_no_number_of_an_earlier_version_of_a_case(write, monkeypatch):
+    def known(decay, case):
+        """After a case is run that asks for a decay: quantities of all cases, and why they have none."""
+        write(SMALL.replace("decay: 0.02", f"decay: {decay}"))
+        monkeypatch.setattr(sys, "argv", ["study", "small", "--case", case, "--device", "cpu"])
+        study_stage.main()
+        found = outcomes_so_far(load_study("small"), Path("outputs/studies/small/draft"))
+        return [(outcome.case, outcome.rows[0].quantity, outcome.failure) for outcome in found]
+
+    five, ten = "taylor_green-5", "taylor_green-10"
+    monkeypatch.setattr(study_stage, "run_case", lambda case, *_, **more: Outcome([Row("decay", 1.0)], case=case.name))
+    assert known(0.02, five) == [(five, "decay", ""), (ten, "no result", "it has not been run")]
+    assert known(0.03, ten) == [(five, "no result", "what is there is of an earlier version of the case or its code; "
+                                                    "run it again"), (ten, "decay", "")]
+    assert known(0.03, five) == [(five, "decay", ""), (ten, "decay", "")]
+
+
 # What a family has to say of itself
 
 @dataclasses.dataclass
@@ -291,9 +309,51 @@ def test_liquids_that_a_case_reads_count_for_its_outcome(name, monkeypatch):
     case = next(case for study in ("injection_study", "oil_study", "emulsion_study")
                 for case in load_study(study).cases.values() if case.family.name == name)
     before, known = case.digest(), plan.project_materials()
-    oil = dataclasses.replace(known[case.family.liquids(case.parameters)[0]], dynamic_viscosity=7.0)
-    monkeypatch.setattr(plan, "project_materials", lambda: known | {oil.name: oil})
-    assert case.digest() != before
+    oil = known[case.family.liquids(case.parameters)[0]]
+    for change in ({"dynamic_viscosity": 7.0}, {"density": 1.07 * oil.density}):
+        other = known | {oil.name: dataclasses.replace(oil, **change)}
+        monkeypatch.setattr(plan, "project_materials", lambda other=other: other)
+        assert case.digest() != before
+
+
+def test_a_case_is_run_again_when_a_value_of_it_changes_that_its_name_does_not_tell(write):
+    told = []
+    for text in (SMALL, SMALL.replace("decay: 0.02", "decay: 0.03"), SMALL.replace("draft: [8]", "draft: [16]")):
+        write(text)
+        told.append(load_study("small").case("taylor_green-5").digest())
+    assert len(set(told)) == 3
+
+
+def test_a_case_that_solves_a_scene_is_run_again_when_the_scene_changes_and_is_another_at_each_level(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    case = next(iter(load_study("injection_size_study").cases.values()))
+    told = {level: dataclasses.replace(case, accuracy=level).digest() for level in ("draft", "standard")}
+    scene = plan.cached_scene(case.family.solves(case.parameters), "draft")
+    gravity = dataclasses.replace(scene.effects["gravity"], posture="prone")
+    monkeypatch.setattr(plan, "cached_scene", lambda *_: dataclasses.replace(
+        scene, effects=scene.effects | {"gravity": gravity}))
+    plan._scene_text.cache_clear()
+    told["changed"] = case.digest()
+    plan._scene_text.cache_clear()
+    assert len(set(told.values())) == 3
+
+
+def test_the_code_of_the_scheme_counts_for_a_case_that_chooses_it(write):
+    write(SMALL.replace("start:", "scheme: [dfsph, wcsph]\n    start:"))
+    for scheme, other in (("dfsph", "wcsph"), ("wcsph", "dfsph")):
+        case = load_study("small").case(f"taylor_green-{scheme}-5")
+        used = {path.stem for path in modules_used(case.family.module, case.choices())}
+        assert scheme in used and other not in used
+
+
+@pytest.mark.usefixtures("nothing_planned")
+def test_the_page_of_a_study_is_made_again_when_its_words_change(write):
+    studies, told = Studies(Workflow({"scenes": ["tiny"], "accuracy": "draft"})), []
+    for text in (SMALL, SMALL.replace("title: Small", "title: Tiny"), f"{SMALL}description: why\n"):
+        write(text)
+        plan.cached_study.cache_clear()
+        told.append(studies.report_depends("small", "draft"))
+    assert len(set(told)) == 3
 
 
 def test_families_that_read_liquids_say_which():
