@@ -12,17 +12,21 @@ from pipeline.base.tables import read_table
 from pipeline.measures.rest import rest_in_words
 from pipeline.planning.search import Answer, Question
 from pipeline.planning.settings import weight_name
+from pipeline.runs.segments import segments_made
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import PROJECT_CONFIG, load_scene
 from pipeline.scenes.model import Eye
 from pipeline.scenes.reader import Errors
 from pipeline.scenes.retina import HOUR
 from pipeline.scenes.yaml_files import read_extended
+from pipeline.workflow.digest import outdated
+from pipeline.workflow.notes import kept_of
 
 BREAK = "planned"   # name of the break in the scene
 # Viscosities: with their own, the liquids need long to the same shape. Measures take the thicker one for the oil.
 THIN_OIL, THIN_OTHER = "100 mPa s", "50 mPa s"
 OUTPUTS = Path("outputs")
+MEASURED = ("eye", "voxelize", "simulate", "metrics")  # stages by which a simulation comes to its numbers
 
 
 def confirming_scene(question: Question, answer: Answer, eye: Eye, starts_from: str) -> str:
@@ -86,9 +90,13 @@ def confirmation(path: Path, question: Question, answer: Answer, outputs: Path =
                 "Then the same command as this one tells whether it agrees."]
     scene, record, rest = min(runs, key=lambda run: run[0]["numerics"]["particle_spacing"])
     level = scene["accuracy"]
-    if json.loads(load_scene(path, level).to_json()) != scene:
-        folder = outputs / path.stem / level
-        return [f"{path}: the simulation in {folder} is that of another plan; run it again: {command}"]
+    folder, planned = outputs / path.stem / level, load_scene(path, level)
+    # The scene in the folder is that of the plan from the start of a run on, its numbers are so at the end.
+    made = [(job.stage, job.digests) for job in kept_of(folder, segments_made(planned, folder))
+            if job.stage in MEASURED]
+    if json.loads(planned.to_json()) != scene or outdated(made, planned):
+        return [f"{path}: the simulation in {folder} is that of another plan, or of older code; run it again: "
+                f"{command}"]
     return [_verdict(record, question, answer, level), *([f"It is {rest}."] if rest.startswith("not ") else [])]
 
 

@@ -33,9 +33,9 @@ from pipeline.provenance.entities import (
     folder_id,
     moment,
 )
-from pipeline.runs.contents import CRATE, is_result, left_over
+from pipeline.runs.contents import CRATE, is_result
 from pipeline.runs.run_folder import RunFolder
-from pipeline.workflow.notes import Job, jobs_of
+from pipeline.workflow.notes import Job, kept_of, within
 
 WORKFLOW = PurePosixPath("workflow")  # a copy of the rules by which the run was made
 SCENE = PurePosixPath("scene.json")
@@ -112,20 +112,7 @@ def crate_of(run: RunFolder, threads: int = 1) -> str:
 
 def _outputs(run: RunFolder) -> dict[Job, list[PurePosixPath]]:
     """The jobs of a run, each with the files and folders that it made and that are still there."""
-    made = {}
-    for job in jobs_of(run.folder):
-        paths = [_within(run.folder, name) for name in job.outputs]
-        others = {path for found in left_over(filter(None, paths), run.segments).values() for path in found}
-        kept = [path for path in paths if path and path not in others and (run.folder / path).exists()]
-        if kept and job.stage and job.rule != OWN_RULE:
-            made[job] = kept
-    return made
-
-
-def _within(folder: Path, name: str) -> PurePosixPath | None:
-    """A file of the run relative to its folder, by Snakemake's name for it; None of one that is elsewhere."""
-    _, found, inside = f"/{name}".rpartition("/" + "/".join(folder.resolve().parts[-3:]) + "/")
-    return PurePosixPath(inside) if found else None
+    return {job: kept for job, kept in kept_of(run.folder, run.segments).items() if job.stage and job.rule != OWN_RULE}
 
 
 class _Crate:
@@ -260,7 +247,7 @@ class _Crate:
 
     def _input(self, name: str) -> Reference:
         """What a job read: of the run, or from elsewhere, such as the mesh of an eye, which the crate does not hold."""
-        path = _within(self.run.folder, name)
+        path = within(self.run.folder, name)
         if path in self.measured or path in self.inside:
             return self._reference(path)
         place = Path(name)

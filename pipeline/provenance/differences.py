@@ -14,7 +14,7 @@ from pipeline.provenance.recorded import Recorded, how_to_make, read_crate
 from pipeline.runs.contents import CRATE, frame_of, is_result, left_over
 from pipeline.runs.run_folder import RunFolder
 from pipeline.scenes.model import Scene
-from pipeline.workflow.digest import stage_digest
+from pipeline.workflow.digest import outdated
 
 MOST = 20  # files of a kind that are named one by one
 SCENE = PurePosixPath("scene.json")
@@ -186,7 +186,6 @@ def _several(paths: Sequence[PurePosixPath], what: str) -> list[str]:
 
 def _older(recorded: Recorded, scene: Scene) -> list[str]:
     """A sentence on stages whose results this code would make otherwise."""
-    older = sorted({job.stage for job in recorded.jobs if job.digests
-                    and not {stage_digest(job.stage, scene), stage_digest(job.stage)} & {*job.digests}})
+    older = outdated(((job.stage, job.digests) for job in recorded.jobs), scene)
     return [f"code: {', '.join(older)} {'has' if len(older) == 1 else 'have'} changed since the run was made; "
             "this code may give other results: run the scene again to see"] if older else []

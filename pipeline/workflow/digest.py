@@ -63,6 +63,17 @@ def stage_digest(stage: str, scene: Scene | None = None) -> str:
     return shortened(code_used(f"pipeline.{stage}", chosen), read)
 
 
+def outdated(made: Iterable[tuple[str, Iterable[str]]], scene: Scene) -> list[str]:
+    """Return the stages whose results this code would make otherwise, of this scene.
+
+    Parameters
+    ----------
+    made : stage and digests of jobs, as they were when these ran; one without digests tells nothing.
+    """
+    return sorted({stage for stage, digests in made
+                   if (then := {*digests}) and not {stage_digest(stage, scene), stage_digest(stage)} & then})
+
+
 def _part_read(scene: Scene, unread: Iterable[str]) -> dict:
     """The values of a scene without the keys in ``unread``; ``liquids.color`` means the color of every liquid.
 

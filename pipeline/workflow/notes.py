@@ -5,9 +5,11 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
 from typing import Any
+
+from pipeline.runs.contents import left_over
 
 NOTES = Path(".snakemake/metadata")
 DIGEST = re.compile(r"\b[0-9a-f]{16}\b")  # as pipeline.base.digest makes them
@@ -67,6 +69,28 @@ def jobs_of(folder: Path) -> list[Job]:
                 before, outputs=(*before.outputs, name), start=min(before.start, job.start),
                 end=max(before.end, job.end))
     return sorted(found.values(), key=lambda job: (job.start, job.name))
+
+
+def kept_of(folder: Path, segments: Iterable[str]) -> dict[Job, list[PurePosixPath]]:
+    """Return the jobs of a run, each with the files and folders in it that it made and that are still there.
+
+    Parameters
+    ----------
+    segments : that the run has; jobs of others are those of a longer run.
+    """
+    made, own = {}, list(segments)
+    for job in jobs_of(folder):
+        paths = [path for name in job.outputs if (path := within(folder, name))]
+        others = {path for found in left_over(paths, own).values() for path in found}
+        if kept := [path for path in paths if path not in others and (folder / path).exists()]:
+            made[job] = kept
+    return made
+
+
+def within(folder: Path, name: str) -> PurePosixPath | None:
+    """Return a file of a run relative to its folder, by Snakemake's name for it; None of one that is elsewhere."""
+    _, found, inside = f"/{name}".rpartition("/" + "/".join(folder.resolve().parts[-3:]) + "/")
+    return PurePosixPath(inside) if found else None
 
 
 def _job(name: str, note: dict[str, Any]) -> Job:

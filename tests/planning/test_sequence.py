@@ -1,4 +1,5 @@
 """Oil at rest in the postures of a scene, and whether the simulation of a plan agrees with it."""
+import base64
 import dataclasses
 import json
 
@@ -16,6 +17,8 @@ from pipeline.planning.settings import load_settings
 from pipeline.scenes.folders import scene_path
 from pipeline.scenes.load import load_scene
 from pipeline.scenes.model import Eye
+from pipeline.workflow.digest import stage_digest
+from pipeline.workflow.notes import NOTES
 
 
 @pytest.fixture
@@ -204,7 +207,33 @@ def test_the_simulation_of_another_plan_confirms_nothing(asked):
     simulated(path, run, 1.0)
     path.write_text(confirm.confirming_scene(question, dataclasses.replace(answer, fill=0.9), Eye(), "resting_eye"))
     (sentence,) = confirm.confirmation(path, question, answer, run.parents[1])
-    assert "is that of another plan; run it again" in sentence
+    assert "is that of another plan, or of older code; run it again" in sentence
+    simulated(path, run, 1.0)
     (run / "metrics.json").write_text("{}")
     with pytest.raises(UserError, match="results are damaged"):
         confirm.confirmation(path, question, answer, run.parents[1])
+
+
+def test_a_simulation_that_was_begun_for_another_plan_and_stopped_confirms_nothing(asked, monkeypatch):
+    """The scene in its folder is the new one from the start of the run on, while the numbers are still the old ones."""
+    question, answer, path, run = asked
+    monkeypatch.chdir(run.parents[2])
+    outputs = run.parents[1].relative_to(run.parents[2])
+
+    def noted(scene):
+        """What Snakemake notes of the metrics of a scene."""
+        note = NOTES / base64.urlsafe_b64encode(bytes(outputs / "my_plan/draft/metrics.csv")).decode()
+        note.parent.mkdir(parents=True, exist_ok=True)
+        note.write_text(json.dumps({"rule": "metrics", "shellcmd": "python -m pipeline.metrics", "params": [
+            f"'{stage_digest('metrics', scene)}'"]}))
+
+    for posture in ("upright", "prone"):
+        answer = dataclasses.replace(answer, posture=posture)
+        path.write_text(confirm.confirming_scene(question, answer, Eye(), "resting_eye"))
+        simulated(path, run, 1.2)
+        if posture == "prone":
+            (sentence,) = confirm.confirmation(path, question, answer, outputs)
+            assert "is that of another plan, or of older code; run it again" in sentence
+        noted(load_scene(path, "draft"))
+        (sentence,) = confirm.confirmation(path, question, answer, outputs)
+        assert "(draft) agrees" in sentence
