@@ -77,6 +77,8 @@ def test_dotted_and_nested_changes_are_the_same_scene(scenes):
     assert dataclasses.replace(nested, name=dotted.name) == dotted
     again = changed(scenes, **{"effects.injection.fill": 0.9, "output.duration": "0.1 s"})
     assert again == dotted and again.name.startswith("tiny_changed_")
+    other = changed(scenes, **{"effects.injection.fill": 0.8, "output.duration": "0.1 s"})
+    assert other.name != dotted.name and other.effects["injection"].fill == 0.8
 
 
 def test_none_removes_what_is_inherited(scenes):
@@ -139,6 +141,23 @@ def test_folder_without_a_run_is_told(tmp_path):
 
 
 # Results
+
+def test_a_run_is_read_anew_after_more_of_it_was_made(scenes, monkeypatch):
+    project, file = scenes.parents[1], scenes / "tests" / "tiny.yaml"
+    resolved = project / "outputs" / "tiny" / "draft" / "scene.json"
+    resolved.parent.mkdir(parents=True)
+    resolved.write_text(load_scene(file, "draft").to_json())
+    run = pipeline.open_run(resolved.parent)
+    before = run.times
+
+    def make(*_, **options):
+        file.write_text(file.read_text().replace("duration: 0.2 s", "duration: 0.3 s"))
+        resolved.write_text(load_scene(file, "draft").to_json())
+
+    monkeypatch.setattr("pipeline.library.run.make", make)
+    run.make("metrics.csv")
+    assert run.times[-1] == pytest.approx(0.3) and before[-1] == pytest.approx(0.2) and len(run.frames) == 7
+
 
 def test_table_is_asked_with_and_without_units():
     columns = {"frame": [0, 1], "time [s]": [0.0, 0.5], "speed_rms [m/s]": [0.0, 2.0]}

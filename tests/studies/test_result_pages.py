@@ -1,5 +1,6 @@
 """The pages of results are those of their tables, and fresh runs bring their numbers into the tables."""
 import csv
+import dataclasses
 import math
 import re
 import shutil
@@ -16,9 +17,10 @@ from pipeline.studies.model import MADE
 from studies.questions.moved_oil import moved_oil_page
 from studies.questions.shed_droplets import shed_droplets_page
 from studies.results.__main__ import BEGIN, END, main
-from studies.results.tables import read_layout, read_rows, write_rows
+from studies.results.tables import Page, Row, read_layout, read_rows, write_rows
 
 ROOT = Path(__file__).resolve().parents[2]
+LAYOUT = read_layout(ROOT / "docs" / "results")
 
 
 @pytest.fixture
@@ -35,9 +37,25 @@ def run(project: Path, *arguments: object) -> subprocess.CompletedProcess:
     return forked.run("studies.results", "--project", project, *arguments)
 
 
-def rows_of(project: Path, name: str) -> list:
-    folder = project / "docs" / "results"
-    return read_rows(folder, next(page for page in read_layout(folder).pages if page.name == name))
+def take(project: Path, folder: Path, *options: str) -> int:
+    """Take the numbers of a folder of outputs over; return the exit code."""
+    return main(["--take", str(folder), *options, "--project", str(project)])
+
+
+def page_of(name: str) -> Page:
+    return next(page for page in LAYOUT.pages if page.name == name)
+
+
+def rows_of(project: Path, name: str) -> list[Row]:
+    return read_rows(project / "docs" / "results", page_of(name))
+
+
+def all_rows(project: Path) -> list[Row]:
+    return [row for page in LAYOUT.pages for row in rows_of(project, page.name)]
+
+
+def add_rows(project: Path, name: str, *rows: Row) -> None:
+    write_rows(project / "docs" / "results", page_of(name), [*rows_of(project, name), *rows])
 
 
 def study_table(project: Path, name: str, level: str, *lines: dict) -> Path:
@@ -103,8 +121,7 @@ def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_wri
 
 
 def test_a_number_of_the_readme_has_its_uncertainty_before_its_unit():
-    layout = read_layout(ROOT / "docs" / "results")
-    told = next(one for one in layout.headlines if one.band)
+    told = next(one for one in LAYOUT.headlines if one.band)
     line = next(line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if told.words in line)
     width = next(float(row.value) for row in rows_of(ROOT, told.page)
                  if (row.case, row.quantity, row.level) == (told.case, told.band, told.level))
@@ -124,12 +141,11 @@ def change_lacked(code: str, commits: list[str]) -> str | None:
 
 
 def test_numbers_lack_the_changes_that_git_says_they_lack():
-    layout = read_layout(ROOT / "docs" / "results")
-    said = {code: change.commit for change in layout.changes for code in change.before}
-    codes = {re.sub(r".*\((\w+)\)", r"\1", row.code) for page in layout.pages for row in rows_of(ROOT, page.name)}
+    said = {code: change.commit for change in LAYOUT.changes for code in change.before}
+    codes = {re.sub(r".*\((\w+)\)", r"\1", row.code) for page in LAYOUT.pages for row in rows_of(ROOT, page.name)}
     assert said.keys() <= codes
     assert all(code in said for code in codes if not re.fullmatch(r"[0-9a-f]{7,}", code))
-    by_git = {code: change_lacked(code, [change.commit for change in layout.changes]) for code in codes}
+    by_git = {code: change_lacked(code, [change.commit for change in LAYOUT.changes]) for code in codes}
     assert {code: one for code, one in by_git.items() if one is not None and one != said.get(code, "")} == {}
 
 
@@ -141,9 +157,8 @@ def test_a_number_in_no_group_of_a_summary_is_told(project):
 
 
 def test_pages_on_methods_leave_the_numbers_of_a_case_to_its_table():
-    layout = read_layout(ROOT / "docs" / "results")
-    families = {row.case.partition("-")[0] for page in layout.pages for row in rows_of(ROOT, page.name)}
-    families |= {table.study for page in layout.pages for table in page.tables}
+    families = {row.case.partition("-")[0] for page in LAYOUT.pages for row in rows_of(ROOT, page.name)}
+    families |= {table.study for page in LAYOUT.pages for table in page.tables}
     told = []
     for path in sorted((ROOT / "docs" / "methods").glob("*.md")):
         evidence = re.sub(r"\]\([^)]*\)", "]", path.read_text(encoding="utf-8").partition("## Validated by")[2])
@@ -159,29 +174,32 @@ def test_a_page_without_a_table_is_told(project):
         main(["--check", "--project", str(project)])
 
 
-@pytest.mark.thorough
 def test_a_study_replaces_the_row_of_the_same_case_quantity_and_level(project):
+    """Not those of another level, nor those of another study that call theirs the same."""
     line = {"case": "oil_shape s1_tamponade_gamma3", "quantity": "sphericity of the oil at the end",
             "value": "0.851234", "unit": "1"}
-    before = rows_of(project, "oil_shape")
-    other = study_table(project, "oil_shape_study", "standard", line)
-    assert run(project, "--take", other).returncode == 2  # the table has no row of that level
-    taken = run(project, "--take", study_table(project, "oil_shape_study", "draft", line), "--code", "0.2 (abc)")
-    assert taken.returncode == 0, taken.stderr
-    after = rows_of(project, "oil_shape")
-    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
-    assert [(new.source, new.value, new.code) for _, new in changed] == [
-        (f"{line['case']}: {line['quantity']}", "0.851", "0.2 (abc)")]
+    source = f"{line['case']}: {line['quantity']}"
+    with pytest.raises(UserError, match="no row of docs/results has a number of it"):
+        take(project, study_table(project, "oil_shape_study", "standard", line))
+    own = next(row for row in rows_of(project, "oil_shape") if row.source == source)
+    add_rows(project, "oil_shape", dataclasses.replace(own, case="finer", level="fine"))
+    add_rows(project, "mixing", dataclasses.replace(own, table="ink"))
+    judged = {"case": "spin_down-central R/dx=48", "quantity": "decay rate", "value": "9", "unit": "1/s",
+              "tolerance": "0.05", "holds": "false"}  # the table of another study has every number of such cases
+    before = all_rows(project)
+    assert take(project, study_table(project, "oil_shape_study", "draft", line, judged), "--code", "0.2 (abc)") == 0
+    changed = [(old, new) for old, new in zip(before, all_rows(project), strict=True) if old != new]
+    assert [(new.table, new.source, new.level, new.value, new.machine, new.code) for _, new in changed] == [
+        ("shape", source, "draft", "0.851", "a machine, 4 cores", "0.2 (abc)")]
     assert " | 0.851 |" in (project / "docs" / "results" / "oil_shape.md").read_text()
-    assert run(project, "--check").returncode == 0
+    assert main(["--check", "--project", str(project)]) == 0
 
 
-@pytest.mark.thorough
 def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project):
     case = "oil_in_sphere-3-0.8-18.2--35-0.1-0 R/dx=11"
     lines = ({"case": case, "quantity": "arc of contact", "value": "190", "unit": "deg", "reference": "184",
               "error": "6", "error_is": "absolute", "tolerance": "5", "holds": "false"},)
-    assert run(project, "--take", study_table(project, "validation", "standard", *lines)).returncode == 0
+    assert take(project, study_table(project, "validation", "standard", *lines)) == 0
     row = next(row for row in rows_of(project, "oil_in_sphere") if row.source == f"{case}: arc of contact")
     assert (row.value, row.expected, row.error, row.error_unit, row.holds) == ("190.0", "184.0", "6", "deg", "no")
     lines = ({"case": "position_based pbf_honey", "quantity": "radius at the end, viscous current (Huppert 1982)",
@@ -189,7 +207,7 @@ def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project)
               "error_is": "relative", "holds": "true"},
              {"case": "position_based pbf_equality_corrected", "quantity": "smallest spacing / dx, mean of the frames",
               "value": "0.6543", "unit": "1"})
-    assert run(project, "--take", study_table(project, "pbf_study", "draft", *lines)).returncode == 0
+    assert take(project, study_table(project, "pbf_study", "draft", *lines)) == 0
     row = next(row for row in rows_of(project, "position_based") if "pbf_honey: radius" in row.source)
     assert (row.value, row.unit, row.expected, row.error, row.error_unit) == ("140", "mm", "143", "2", "%")
     assert (row.allowed, row.holds) == ("10", "yes")
@@ -197,12 +215,12 @@ def test_a_study_tells_anew_whether_a_row_holds_in_the_units_of_the_row(project)
     assert (row.value, row.unit) == ("0.65", "spacings")
 
 
-@pytest.mark.thorough
 def test_new_cases_come_only_where_they_are_asked_for(project):
     line = {"case": "spin_down-central n=32", "quantity": "decay rate", "value": "5.8", "unit": "1/s"}
     folder = study_table(project, "validation", "fine", line)
-    assert run(project, "--take", folder).returncode == 2
-    assert run(project, "--take", folder, "--add", "flow=spin_down*").returncode == 0
+    with pytest.raises(UserError, match="--add brings new ones"):
+        take(project, folder)
+    assert take(project, folder, "--add", "flow=spin_down*") == 0
     row = rows_of(project, "validation")[-1]
     assert (row.table, row.case, row.value, row.level) == ("flow", line["case"], "5.8", "fine")
     assert (row.machine, row.code, row.command) == ("a machine, 4 cores", "0.3 (fed)", "snakemake -j2 validation")
@@ -220,12 +238,11 @@ def test_a_relative_error_is_told_in_percent(project):
     line = {"case": "spin_down-central n=32", "quantity": "height", "value": "1.13371", "unit": "m",
             "reference": "1.1335", "error": "0.000183137", "error_is": "relative", "tolerance": "0.02", "holds": "true"}
     folder = study_table(project, "validation", "fine", line)
-    assert main(["--take", str(folder), "--add", "flow=spin_down*", "--project", str(project)]) == 0
+    assert take(project, folder, "--add", "flow=spin_down*") == 0
     row = rows_of(project, "validation")[-1]
     assert (row.error, row.allowed, row.error_unit) == ("0.01831", "2", "%")
 
 
-@pytest.mark.thorough
 def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(project):
     lines = [{"case": f"spin_down-central R/dx={size}", "quantity": "decay rate", "value": value, "unit": "1/s",
               "reference": "5.783", "error": error, "error_is": "relative", "tolerance": "0.05", "holds": holds}
@@ -234,16 +251,18 @@ def test_a_table_of_cases_has_the_finest_resolution_and_whatever_does_not_hold(p
     lines += [{"case": "spin_down-central", "quantity": "observed order", "value": "2"},
               {"case": "spin_up-central R/dx=24", "quantity": "decay rate", "value": "1", "tolerance": "0.05"}]
     folder = study_table(project, "validation", "fine", *lines)
+    before = rows_of(project, "validation")
+    assert "spin_down-central" in {row.case for row in before} and "fine" not in {row.level for row in before}
     for _ in range(2):  # a second time they replace themselves
-        taken = run(project, "--take", folder)
-        assert taken.returncode == 0, taken.stderr
-        fine = [row for row in rows_of(project, "validation") if row.level == "fine"]
+        assert take(project, folder) == 0
+        rows = rows_of(project, "validation")
+        assert [row for row in rows if row.level != "fine"] == before
+        fine = [row for row in rows if row.level == "fine"]
         assert [(row.table, row.case, row.size, row.value, row.expected, row.error, row.allowed, row.holds)
                 for row in fine] == [("flow", "spin_down-central", "R/dx=12", "6.2", "5.783", "7.211", "5", "no"),
                                      ("flow", "spin_down-central", "R/dx=24", "5.8", "5.783", "0.294", "5", "yes")]
 
 
-@pytest.mark.thorough
 def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     folder = project / "outputs" / "tamponade" / "standard"
     (folder / "logs").mkdir(parents=True)
@@ -256,8 +275,11 @@ def test_a_run_replaces_what_its_metrics_and_its_logs_say(project):
     for segment, wall in (("000", 60.0), ("001", 30.0)):
         (folder / "logs" / f"simulate_{segment}.log.json").write_text(
             f'{{"wall": {wall}, "cpu": {2 * wall}, "memory": 1e9}}')
-    taken = run(project, "--take", folder)
-    assert taken.returncode == 0, taken.stderr
+    before = all_rows(project)
+    assert take(project, folder, "--code", "0.2 (abc)") == 0
+    changed = [new for old, new in zip(before, all_rows(project), strict=True) if old != new]
+    assert {(row.source.partition(": ")[0], row.level, row.code) for row in changed} == {
+        ("tamponade", "standard", "0.2 (abc)")}
     eye = {row.quantity: row for row in rows_of(project, "eye") if (row.case, row.level) == ("tamponade", "standard")}
     assert eye["fill at the end"].value == "84.9000"
     inferior = eye["retina under the oil, upright: inferior half"]

@@ -30,7 +30,7 @@ from pipeline.base.tables import read_table
 from pipeline.runs.contents import CRATE
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
-from pipeline.scenes.model import Eye, Landmarks
+from pipeline.scenes.model import Eye, Landmarks, Region
 from pipeline.workflow import digest
 from pipeline.workflow.notes import jobs_of
 from pipeline.workflow.scenes import Workflow
@@ -204,25 +204,33 @@ def test_digest_of_a_stage_counts_what_it_reads_of_the_scene(project):
 @pytest.mark.parametrize(("stage", "key"), [
     ("reconstruct", "output.kernel"), ("reconstruct", "output.cell_ratio"), ("reconstruct", "eye.side"),
     ("metrics", "eye.side"), ("metrics", "output.second_means"), ("rest", "eye.lens"), ("render", "eye.side"),
-    ("render", "output.image_size"), ("still", "eye.side"), ("movie", "output.second_means")])
+    ("render", "output.image_size"), ("still", "eye.side"), ("movie", "output.second_means"),
+    ("simulate", "output.frame_interval"), ("simulate", "start_from"), ("voxelize", "numerics.particle_spacing"),
+    ("rest", "numerics.particle_spacing"), ("metrics", "regions"), ("render", "regions"), ("illustrate", "eye.side"),
+    ("turntable", "eye.side"), ("estimate", "eye.lens"), ("index_run", "regions")])
 def test_a_stage_runs_again_when_what_it_reads_changes(stage, key):
     """The digests key by key, of keys that other stages do not read."""
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
-    part, name = key.split(".")
-    record = getattr(scene, part)
+    part, _, name = key.rpartition(".")
+    record = getattr(scene, part) if part else scene
     other = {"kernel": lambda old: next(one for one in ("isotropic", "anisotropic") if one != old),
              "cell_ratio": lambda old: 0.9 * old, "side": lambda old: "left", "second_means": lambda old: 60.0,
-             "lens": lambda old: "aphakic", "image_size": lambda old: (old[0] + 2, old[1])}[name](getattr(record, name))
+             "lens": lambda old: "aphakic", "image_size": lambda old: (old[0] + 2, old[1]),
+             "frame_interval": lambda old: 0.5 * old, "particle_spacing": lambda old: 0.9 * old,
+             "start_from": lambda old: "still_eye", "regions": lambda old: (Region("upper", hours=(10.0, 2.0)),),
+             }[name](getattr(record, name))
     assert other != getattr(record, name)
-    changed = dataclasses.replace(scene, **{part: dataclasses.replace(record, **{name: other})})
+    changed = dataclasses.replace(record, **{name: other})
+    changed = dataclasses.replace(scene, **{part: changed}) if part else changed
     assert digest.stage_digest(stage, changed) != digest.stage_digest(stage, scene)
 
 
-def test_the_side_of_an_eye_counts_for_its_surface_where_landmarks_turn_a_mesh():
+def test_the_side_of_an_eye_counts_for_its_surface_where_landmarks_turn_a_mesh_or_an_image_tells_it():
     scene = load_scene(ROOT / "config" / "scenes" / "tiny.yaml", "draft")
-    for landmarks, counts in ((None, False), (Landmarks(optic_disc=(5e-3, 3e-3, -10e-3)), True)):
+    for more, counts in (({}, False), ({"landmarks": Landmarks(optic_disc=(5e-3, 3e-3, -10e-3))}, True),
+                         ({"label": 1}, True)):
         sides = {side: digest.stage_digest("eye", dataclasses.replace(scene, eye=Eye(
-            model="mesh", path="eye.stl", landmarks=landmarks, side=side))) for side in ("right", "left")}
+            model="mesh", path="eye.stl", side=side, **more))) for side in ("right", "left")}
         assert (sides["right"] != sides["left"]) == counts
 
 
