@@ -8,7 +8,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from helpers import forked
 
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_scene
@@ -31,10 +30,6 @@ def project(tmp_path) -> Path:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     return tmp_path
-
-
-def run(project: Path, *arguments: object) -> subprocess.CompletedProcess:
-    return forked.run("studies.results", "--project", project, *arguments)
 
 
 def take(project: Path, folder: Path, *options: str) -> int:
@@ -108,15 +103,14 @@ def test_numbers_typed_into_the_readme_beside_results_are_of_the_tables():
     assert not_of_tables(readme.replace("2.0 points", "2.9 points")) == ["2.9 points"]
 
 
-def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_written(project):
+def test_a_changed_number_makes_its_page_and_the_readme_stale_until_they_are_written(project, capsys):
     table = project / "docs" / "results" / "costs.csv"
     table.write_text(re.sub(r"of the simulation,[\d.]+,", "of the simulation,14.5,", table.read_text(), count=1))
-    stale = run(project, "--check")
-    assert stale.returncode == 1
-    assert [line.split()[1].rpartition("/")[2] for line in stale.stderr.splitlines()] == ["costs.md", "README.md"]
-    assert "is older than its tables: python -m studies.results" in stale.stderr
-    assert run(project).returncode == 0
-    assert run(project, "--check").returncode == 0
+    assert main(["--check", "--project", str(project)]) == 1
+    told = capsys.readouterr().err
+    assert [line.split()[1].rpartition("/")[2] for line in told.splitlines()] == ["costs.md", "README.md"]
+    assert "is older than its tables: python -m studies.results" in told
+    assert main(["--project", str(project)]) == 0 == main(["--check", "--project", str(project)])
     assert "**14.5 min**" in (project / "README.md").read_text()
 
 
@@ -226,12 +220,11 @@ def test_new_cases_come_only_where_they_are_asked_for(project):
     assert (row.machine, row.code, row.command) == ("a machine, 4 cores", "0.3 (fed)", "snakemake -j2 validation")
 
 
-@pytest.mark.thorough
 def test_a_table_of_an_earlier_version_is_told(project):
     folder = study_table(project, "validation", "fine")
     (folder / "table.csv").write_text("case,quantity,value\nspin_down-central,decay rate,5.8\n")
-    told = run(project, "--take", folder)
-    assert told.returncode == 2 and "run the study again: snakemake -j2 validation" in told.stderr
+    with pytest.raises(UserError, match="run the study again: snakemake -j2 validation"):
+        take(project, folder)
 
 
 def test_a_relative_error_is_told_in_percent(project):

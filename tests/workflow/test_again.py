@@ -79,6 +79,20 @@ def test_a_scene_that_ends_at_rest_has_the_segments_of_its_level(project, level)
     assert flow().start("after", level, "000") == flow().known_start("after", level) == [last]
 
 
+def test_every_segment_starts_where_the_one_before_ends(project):
+    project.write_scene("longer", "extends: tiny\noutput: {duration: 0.5 s}\n")
+    segments = load_scene(scene_path("longer"), "draft").segment_names
+    assert len(segments) > 2 and [flow().start("longer", "draft", segment) for segment in segments] == [
+        [], *([f"outputs/longer/draft/checkpoints/segment_{segment}.npz"] for segment in segments[:-1])]
+
+
+@pytest.mark.parametrize("level", ["draft", "standard"])
+def test_start_is_the_same_level_of_the_other_scene(project, level):
+    project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
+    last = load_scene(scene_path("tiny"), level).segment_names[-1]
+    assert flow().start("after", level, "000") == [f"outputs/tiny/{level}/checkpoints/segment_{last}.npz"]
+
+
 def test_a_comparison_reads_the_own_segments_of_all_its_levels(project):
     files = flow().compared("until", "draft_standard_fine")
     every = {level: len(load_scene(scene_path("until"), level).segment_names) for level in ("fine",)} | RESTED

@@ -84,13 +84,6 @@ def test_a_scene_can_start_from_the_end_of_another(project):
     assert planned(output)["simulate"] == 2 * tiny.segment_count
 
 
-def test_start_is_the_same_level_of_the_other_scene(project):
-    project.write_scene("after", "extends: tiny\nstart_from: tiny\neffects: {injection: null}\n")
-    code, output = project.snakemake("-n", "outputs/after/standard/checkpoints/segment_000.npz")
-    assert code == 0, output
-    assert "tiny at standard: simulate segment 001" in output and "at draft" not in output
-
-
 @pytest.mark.thorough
 def test_levels_of_a_scene_stand_side_by_side(project):
     levels = {}
@@ -615,16 +608,6 @@ def pids_of(*words):
             if line.startswith("python") and all(str(word) in line for word in words):
                 found.append(int(entry))
     return found
-
-
-def test_every_segment_starts_where_the_one_before_ends(project):
-    tiny = scene_path("tiny", project.folder / "config/scenes").read_text()
-    project.write_scene("tiny", tiny.replace("duration: 0.2 s", "duration: 0.5 s"))
-    scene = load_scene(project.folder / "config/scenes/tiny.yaml", "draft")
-    assert scene.segment_count > 2
-    code, output = project.snakemake("-n", f"outputs/tiny/draft/checkpoints/segment_{scene.segment_count - 1:03d}.npz")
-    assert code == 0, output
-    assert planned(output)["simulate"] == scene.segment_count
 
 
 @pytest.mark.parametrize(("effects", "before"), [
