@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from pipeline.advice.report import report_of, text_of
+from pipeline.base.checksum import checksum_at_end
 from pipeline.base.cli import run
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
@@ -20,6 +21,7 @@ from pipeline.scenes.load import load_resolved
 from pipeline.scenes.memory_check import too_large
 from pipeline.scenes.model import Scene
 from pipeline.scenes.threads import chosen_threads
+from pipeline.simulation.cost_files import STARTED_FROM
 from pipeline.simulation.runner import Runner, restore
 from pipeline.simulation.solver_setup import build_solver, frame_of
 
@@ -178,17 +180,20 @@ def print_timings(solver) -> None:
         print(f"  {name:22s} {seconds:8.2f} s {100 * seconds / total:5.1f} %")
 
 
-def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: list[dict[str, float]]) -> None:
+def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: list[dict[str, float]],
+                restart: Path | None) -> None:
     """Write what every part of the solver has cost in `steps` steps, the time of all but the first of them (JSON).
 
     clocks : what every frame took (`simulate_segment`).
+    restart : checkpoint that the segment started from.
     """
     from sim.backend.accounting import allocated
     from sim.backend.runtime import device
     from sim.profiling import costs
 
     parts = [dataclasses.asdict(cost) for cost in costs(solver, launches, warm)]
-    numbers = {"steps": steps, "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
+    numbers = {STARTED_FROM: checksum_at_end(restart) if restart else "", "steps": steps,
+               "timed_steps": steps - WARM_UP if warm else steps, "allocated_bytes": allocated(),
                "launches": sum(launches.values()), "dimension": solver.dimension, "particles": solver.count[None],
                "scheme": solver.scheme.name, "device": device(), "notes": solver.notes}
     write_text(path, json.dumps(numbers | {"parts": parts, "frames": clocks}, indent=1) + "\n")
@@ -249,7 +254,7 @@ def main() -> None:
         solver = runner.solver
         save_checkpoint(arguments.checkpoint, solver.state())
     if arguments.costs:
-        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm, clocks)
+        write_costs(arguments.costs, solver, solver.step_count - steps, launches, warm, clocks, arguments.restart)
     print_timings(solver)
 
 

@@ -6,12 +6,14 @@ are, and where it ends at rest, the files of the rest stage do.
 import csv
 import dataclasses
 import functools
+import itertools
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from pipeline.base.checksum import checksum_at_end
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import frame_path
 from pipeline.base.sequences import PICTURES_AGAIN, in_sequence, number_of
@@ -25,7 +27,7 @@ from pipeline.runs.contents import segment_of
 from pipeline.runs.segments import segment_path, segments_made
 from pipeline.scenes.load import scene_of_run
 from pipeline.scenes.model import Scene
-from pipeline.simulation.cost_files import read_costs
+from pipeline.simulation.cost_files import STARTED_FROM, read_costs
 from pipeline.surfaces.saved_frame import SavedFrame
 from pipeline.surfaces.surface_files import read_surface
 
@@ -70,7 +72,21 @@ class RunFolder:
 
     @functools.cached_property
     def frames(self) -> list[SavedFrame]:
-        """All frames of the run, in the order of time."""
+        """All frames of the run, in the order of time.
+
+        Raises
+        ------
+        UserError
+            A segment did not start where the one before has ended: the scene has changed, and was not run to its end.
+        """
+        for before, name in itertools.pairwise(self.segments):
+            end, costs = (segment_path(self.folder, kind, segment, suffix)
+                          for kind, segment, suffix in (("checkpoints", before, ".npz"), ("costs", name, ".json")))
+            started = read_costs(costs).get(STARTED_FROM) if costs.is_file() and end.is_file() else ""
+            if started and started != checksum_at_end(end):
+                raise UserError(f"{self.folder}: segment {name} does not go on from segment {before}, so that an "
+                                "earlier version of the scene has left it; run the scene to its end: snakemake -j2 "
+                                f"outputs/{self.scene.name}/{self.level}/metrics.csv")
         return [SavedFrame(frame_path(segment_path(self.folder, "frames", name), number),
                            segment_path(self.folder, "surfaces", name))
                 for segment, name in enumerate(self.segments) for number in self.scene.frames_of_segment(segment)]

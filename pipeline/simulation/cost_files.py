@@ -7,6 +7,8 @@ import numpy as np
 
 from pipeline.base.errors import UserError
 
+STARTED_FROM = "started_from"  # key of the checksum of the checkpoint that a segment started from, empty at the start
+
 
 def read_costs(path: Path) -> dict:
     """Read what one segment has cost.

@@ -1,6 +1,7 @@
 """The folder of a run: what a longer run of before has left there is not of it, whoever reads it, and wherever."""
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from PIL import Image
 
 import pipeline
 from pipeline import cost, export
+from pipeline.base.checksum import checksum_at_end
 from pipeline.base.errors import UserError
-from pipeline.base.frame_files import frame_path, write_frame
+from pipeline.base.frame_files import frame_path, save_checkpoint, write_frame
 from pipeline.base.tables import write_table
 from pipeline.base.vtk_files import write_vtk
 from pipeline.cavity.initial_state import save_initial
@@ -141,6 +143,24 @@ def test_the_disk_that_a_run_takes_is_that_of_its_own_segments(folder, capsys):
               + ["--logs", str(folder / "logs"), "--output", str(folder.parent / "cost.html")])
     (said,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("disk")]
     assert float(said.split()[1]) == pytest.approx(3.0, abs=0.01) and said.split()[2] == "GiB"
+
+
+@pytest.mark.parametrize("reader", [name for name in READERS if name != "library, times"])  # those of frames
+def test_a_segment_that_an_earlier_version_of_the_scene_has_left_is_told(folder, tmp_path, reader):
+    """The first segment was made anew, and the second was not yet."""
+    for path in folder.iterdir():
+        if path.name not in ("checkpoints", "costs"):
+            (tmp_path / path.name).symlink_to(path)
+    shutil.copytree(folder / "costs", tmp_path / "costs")
+    (tmp_path / "checkpoints").mkdir()
+    end = tmp_path / "checkpoints" / "segment_000.npz"
+    save_checkpoint(end, {"time": 1.0})
+    costs = tmp_path / "costs" / "segment_001.json"
+    costs.write_text(json.dumps(json.loads(costs.read_text()) | {"started_from": checksum_at_end(end)}))
+    assert READERS[reader](RunFolder(tmp_path)) == INTERVAL * (KEPT - 1)
+    save_checkpoint(end, {"time": 1.0, "step_count": 7})
+    with pytest.raises(UserError, match=r"001 does not go on from segment 000.*snakemake -j2 outputs/tiny/draft"):
+        READERS[reader](RunFolder(tmp_path))
 
 
 @pytest.mark.parametrize("reader", ["library", "effects_off", "compare"])

@@ -23,6 +23,7 @@ from helpers.snakemake_output import TRACE, planned
 
 import pipeline
 from pipeline.base import digest as code_digest
+from pipeline.base.checksum import checksum_at_end
 from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, read_frame
@@ -31,6 +32,7 @@ from pipeline.runs.contents import CRATE
 from pipeline.scenes.folders import scene_path, scene_paths
 from pipeline.scenes.load import load_accuracy_levels, load_scene
 from pipeline.scenes.model import Eye, Landmarks, Region
+from pipeline.simulation.cost_files import STARTED_FROM
 from pipeline.workflow import digest
 from pipeline.workflow.notes import jobs_of
 from pipeline.workflow.scenes import Workflow
@@ -521,6 +523,8 @@ def test_killed_run_goes_on_to_the_same_frames(finished, project):
         for one, other in zip(map(read_frame, ours), map(read_frame, theirs), strict=True):
             for name in ("id", "position", "velocity", "volume_fraction", "volume"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    costs = json.loads((project.outputs("tiny") / "costs" / "segment_001.json").read_text())
+    assert costs[STARTED_FROM] == checksum_at_end(first)
 
 
 @pytest.mark.thorough
