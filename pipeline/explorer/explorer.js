@@ -154,7 +154,7 @@ async function showExplorer(known) {
   const color = name => known.tamponades[name].color;
 
   // Views of the eye and of the head, which are seen from the same side.
-  const empty = () => packedMesh(new Float64Array(9), [], false, [0, 0, 0]);
+  const empty = wall => ({...packedMesh([], []), ...plain([0, 0, 0]), wall});
   let view = known.view;
   const head = showTurningView(find(".head"), {meshes: [headSurface()], axes: [], views: [], view,
     without: known.without,
@@ -163,7 +163,7 @@ async function showExplorer(known) {
       const pitch = clamp(set.pitch + (sa * sideways - ca * upward) / radians, -90, 90);
       change({pitch, roll: turned(set.roll - (ca * sideways + sa * upward) / radians + 180, 360) - 180});
     }});
-  const shape = showTurningView(find(".shape"), {meshes: [empty(), empty(), empty()], axes: known.axes, views: known.views,
+  const shape = showTurningView(find(".shape"), {meshes: [empty(false), empty(true), empty(false)], axes: known.axes, views: known.views,
     without: known.without, view, onView(next) { view = next; if (head) head.look(next); }});
 
   function change(changes) {

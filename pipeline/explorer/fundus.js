@@ -5,21 +5,33 @@ function fundusMap(canvas, model, known) {
   const pen = canvas.getContext("2d"), front = 135, css = color => `rgb(${color})`;
   let sizes = null;
 
-  // Where the pixels are, once for a size of the canvas: meridian and latitude in steps of a field.
+  // A color as a pixel holds it: red first, in memory.
+  const pixelOf = ([red, green, blue]) => (255 << 24 | blue << 16 | green << 8 | red) >>> 0;
+
+  // Where the pixels are, once for a size of the canvas: two neighbors in a row of a field, and the shares of the second and
+  // of the next row.
   function pixels(size) {
     if (sizes && sizes.size === size) return sizes;
     const small = size / (window.devicePixelRatio || 1) < 260, unit = size / 100;
-    const scale = (0.5 * size - (small ? 8 : 6) * unit) / front, inside = [], x = [], y = [];
+    const scale = (0.5 * size - (small ? 8 : 6) * unit) / front, columns = model.columns;
+    const inside = [], first = [], second = [], across = [], down = [], pale = [];
     for (let row = 0; row < size; row++) {
       for (let column = 0; column < size; column++) {
         const [right, up] = [column + 0.5 - 0.5 * size, 0.5 * size - row - 0.5], angle = Math.hypot(right, up) / scale;
         if (angle >= front) continue;
+        const x = turned(Math.atan2(right, up) / radians, 360) / model.step, y = angle / model.step;
+        const from = Math.floor(x) % columns, above = Math.floor(y);
         inside.push(row * size + column);
-        x.push(turned(Math.atan2(right, up) / radians, 360) / model.step);
-        y.push(angle / model.step);
+        first.push(above * columns + from);
+        second.push(above * columns + (from + 1) % columns);
+        across.push(x - Math.floor(x));
+        down.push(y - above);
+        pale.push(angle > known.ora ? 1 : 0);
       }
     }
-    sizes = {size, small, unit, scale, inside: Uint32Array.from(inside), x: Float32Array.from(x), y: Float32Array.from(y)};
+    sizes = {size, small, unit, scale, inside: Uint32Array.from(inside), first: Uint16Array.from(first),
+             second: Uint16Array.from(second), across: Float32Array.from(across), down: Float32Array.from(down),
+             pale: Uint8Array.from(pale)};
     return sizes;
   }
 
@@ -32,29 +44,27 @@ function fundusMap(canvas, model, known) {
   function draw(eye, margin, shift, covered, tear, right) {
     const ratio = window.devicePixelRatio || 1, size = Math.min(Math.round(ratio * canvas.clientWidth), 900);
     if (!size) return;
-    canvas.width = canvas.height = size;
-    const {small, unit, scale, inside, x, y} = pixels(size), columns = model.columns;
-    const image = pen.createImageData(size, size), side = new Int8Array(size * size), bare = known.colors.aqueous;
+    if (canvas.width !== size) canvas.width = canvas.height = size;
+    const {small, unit, scale, inside, first, second, across, down, pale} = pixels(size), columns = model.columns;
+    const image = pen.createImageData(size, size), painted = new Uint32Array(image.data.buffer);
+    const side = new Int8Array(size * size), ink = pixelOf(known.colors.ink);
+    const shades = Uint32Array.from([known.colors.aqueous, covered].flatMap(
+      color => [color, color.map(part => part + 0.25 * (255 - part))]), pixelOf);
     for (let k = 0; k < inside.length; k++) {
-      const row = Math.floor(y[k]), column = Math.floor(x[k]) % columns, next = (column + 1) % columns;
-      const across = x[k] - Math.floor(x[k]), down = y[k] - row, at = row * columns, after = at + columns;
-      const value = (1 - down) * ((1 - across) * margin[at + column] + across * margin[at + next])
-        + down * ((1 - across) * margin[after + column] + across * margin[after + next]);
-      const pixel = inside[k], hatched = value < shift[0] && value > -shift[1]
-        && ((pixel % size + Math.floor(pixel / size)) / unit) % 2 < 1;
+      const a = first[k], b = second[k], share = across[k], pixel = inside[k];
+      const above = margin[a] + share * (margin[b] - margin[a]);
+      const value = above + down[k] * (margin[a + columns] + share * (margin[b + columns] - margin[a + columns]) - above);
+      const hatched = value < shift[0] && value > -shift[1] && ((pixel % size + Math.floor(pixel / size)) / unit) % 2 < 1;
       side[pixel] = value > 0 ? 1 : -1;
-      const color = (value > 0) !== hatched ? covered : bare, pale = y[k] * model.step > known.ora ? 0.25 : 0;
-      for (let j = 0; j < 3; j++) image.data[4 * pixel + j] = color[j] + pale * (255 - color[j]);
-      image.data[4 * pixel + 3] = 255;
+      painted[pixel] = shades[((value > 0) !== hatched ? 2 : 0) + pale[k]];
     }
     const thick = Math.max(1, Math.round(0.35 * unit));
-    for (const pixel of inside) {
-      for (const beside of [pixel + 1, pixel + size]) {
-        if (side[pixel] * side[beside] !== -1) continue;
-        for (let r = -thick + 1; r <= thick; r++) for (let c = -thick + 1; c <= thick; c++) {
-          const one = 4 * (pixel + r * size + c);
-          if (side[one / 4]) known.colors.ink.forEach((part, j) => { image.data[one + j] = part; });
-        }
+    for (let k = 0; k < inside.length; k++) {
+      const pixel = inside[k];
+      if (side[pixel] * side[pixel + 1] !== -1 && side[pixel] * side[pixel + size] !== -1) continue;
+      for (let r = -thick + 1; r <= thick; r++) for (let c = -thick + 1; c <= thick; c++) {
+        const one = pixel + r * size + c;
+        if (side[one]) painted[one] = ink;
       }
     }
     pen.putImageData(image, 0, 0);

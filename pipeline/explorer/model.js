@@ -25,7 +25,7 @@ function direction(meridian, latitude) {
 
 // Between two values, numbers or lists of them.
 const mix = (one, other, share) => typeof one === "number" ? one + share * (other - one)
-  : Float32Array.from(one, (value, k) => value + share * (other[k] - value));
+  : one.map((value, k) => value + share * (other[k] - value));
 
 function explorerModel(known) {
   const {tilts, fills, azimuths, latitudes: rows, meridians: columns, lattice} = known;
@@ -154,10 +154,10 @@ function explorerModel(known) {
   function doubled(values) {
     const many = 2 * columns, found = new Float32Array(many * (2 * rows - 1));
     for (let row = 0; row < rows; row++) {
+      const of = column => values[row * columns + (column + columns) % columns];
       for (let column = 0; column < columns; column++) {
-        const [a, b, c, d] = [-1, 0, 1, 2].map(k => values[row * columns + (column + k + columns) % columns]);
-        found[2 * row * many + 2 * column] = b;
-        found[2 * row * many + 2 * column + 1] = (9 * (b + c) - a - d) / 16;
+        found[2 * row * many + 2 * column] = of(column);
+        found[2 * row * many + 2 * column + 1] = (9 * (of(column) + of(column + 1)) - of(column - 1) - of(column + 2)) / 16;
       }
     }
     // Beyond a pole the rows go on at the opposite meridian.
@@ -165,8 +165,8 @@ function explorerModel(known) {
       : row >= rows ? found[2 * (2 * (rows - 1) - row) * many + (column + columns) % many] : found[2 * row * many + column];
     for (let row = 0; row < rows - 1; row++) {
       for (let column = 0; column < many; column++) {
-        const [a, b, c, d] = [-1, 0, 1, 2].map(k => of(row + k, column));
-        found[(2 * row + 1) * many + column] = (9 * (b + c) - a - d) / 16;
+        found[(2 * row + 1) * many + column] = (9 * (of(row, column) + of(row + 1, column)) - of(row - 1, column)
+          - of(row + 2, column)) / 16;
       }
     }
     return found;
@@ -174,28 +174,28 @@ function explorerModel(known) {
 
   // Share of a triangle in which a linear function is positive.
   function positive(a, b, c) {
-    const [low, middle, high] = [a, b, c].sort((one, other) => one - other);
+    const low = Math.min(a, b, c), high = Math.max(a, b, c), middle = Math.max(Math.min(a, b), Math.min(Math.max(a, b), c));
     if (low > 0) return 1;
     if (high <= 0) return 0;
     if (middle <= 0) return high * high / ((high - low) * (high - middle));
     return 1 - low * low / ((high - low) * (middle - low));
   }
 
-  function area(a, b, c) {
-    const [u, v] = [b, c].map(one => one.map((value, k) => value - a[k]));
-    return 0.5 * Math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+  function area([x, y, z], [bx, by, bz], [cx, cy, cz]) {
+    const [ux, uy, uz, vx, vy, vz] = [bx - x, by - y, bz - z, cx - x, cy - y, cz - z];
+    return 0.5 * Math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx);
   }
 
   // Cells between circles of latitude, two triangles each: their sizes, once for an eye.
   function cells(eye, latitudes) {
-    const point = (latitude, column) => direction(step * column, latitude).map(
-      part => part * at(eye.wall, step * column, latitude));
-    const found = [];
+    const points = latitudes.map(latitude => Array.from({length: columns}, (_, column) => {
+      const far = at(eye.wall, step * column, latitude);
+      return direction(step * column, latitude).map(part => part * far);
+    })), found = [];
     for (let row = 1; row < latitudes.length; row++) {
       for (let column = 0; column < columns; column++) {
-        const [a, b, c, d] = [[row - 1, column], [row, column], [row, column + 1], [row - 1, column + 1]].map(
-          ([one, other]) => point(latitudes[one], other));
-        found.push([area(a, b, c), area(a, c, d)]);
+        const next = (column + 1) % columns, a = points[row - 1][column], c = points[row][next];
+        found.push([area(a, points[row][column], c), area(a, c, points[row - 1][next])]);
       }
     }
     return found;
@@ -257,8 +257,9 @@ function explorerModel(known) {
       for (const [row, down, first, second, across] of corners) {
         let sum = 0;
         for (const [{margin}, node, weight] of nodes) {
-          const of = k => (1 - across) * margin[node * stored + k + first] + across * margin[node * stored + k + second];
-          sum += weight * ((1 - down) * of(row) + down * of(row + half));
+          const here = node * stored + row, below = here + half;
+          sum += weight * ((1 - down) * ((1 - across) * margin[here + first] + across * margin[here + second])
+            + down * ((1 - across) * margin[below + first] + across * margin[below + second]));
         }
         least = Math.min(least, toMargin(sum));
       }

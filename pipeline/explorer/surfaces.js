@@ -8,24 +8,30 @@ const bytes = (values, Kind, scale, factor = 1) => {
 };
 
 // A mesh of points (x, y, z one behind the other) and triangles (three numbers each), with smooth normals.
-function packedMesh(points, triangles, wall, color, bare = color, toLine = null) {
-  const count = points.length / 3, normal = new Float64Array(points.length);
+function packedMesh(points, triangles) {
+  const normal = new Float64Array(points.length);
   for (let k = 0; k < triangles.length; k += 3) {
-    const [a, b, c] = [0, 1, 2].map(j => 3 * triangles[k + j]);
-    const u = [0, 1, 2].map(j => points[b + j] - points[a + j]), v = [0, 1, 2].map(j => points[c + j] - points[a + j]);
-    const face = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    for (const corner of [a, b, c]) for (let j = 0; j < 3; j++) normal[corner + j] += face[j];
+    const a = 3 * triangles[k], b = 3 * triangles[k + 1], c = 3 * triangles[k + 2];
+    const ux = points[b] - points[a], uy = points[b + 1] - points[a + 1], uz = points[b + 2] - points[a + 2];
+    const vx = points[c] - points[a], vy = points[c + 1] - points[a + 1], vz = points[c + 2] - points[a + 2];
+    const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
+    for (let j = 0; j < 3; j++) {
+      const corner = 3 * triangles[k + j];
+      normal[corner] += x;
+      normal[corner + 1] += y;
+      normal[corner + 2] += z;
+    }
   }
   for (let k = 0; k < normal.length; k += 3) {
     const length = Math.hypot(normal[k], normal[k + 1], normal[k + 2]) || 1;
     for (let j = 0; j < 3; j++) normal[k + j] /= length;
   }
-  const painted = one => Uint8Array.from({length: 3 * count}, (_, k) => typeof one[0] === "number" ? one[k % 3]
-    : one[Math.floor(k / 3)][k % 3]);
-  return {wall, position: bytes(points, Int16Array, 32767), normal: bytes(normal, Int8Array, 127),
-          toLine: toLine ? bytes(toLine, Int8Array, 127) : new Int8Array(count).fill(127),
-          covered: painted(color), bare: painted(bare), index: Uint16Array.from(triangles)};
+  return {position: bytes(points, Int16Array, 32767), normal: bytes(normal, Int8Array, 127),
+          index: Uint16Array.from(triangles)};
 }
+
+// Colors of a mesh of which one side of the contact line is as the other.
+const plain = color => ({coveredColor: color, bareColor: color});
 
 // Triangles of a grid of rows and columns that closes around; a cell may be left out.
 function cellsOf(rows, columns, chosen = () => true) {
@@ -64,14 +70,14 @@ function zeroOf(field, [along, side, front]) {
   const corners = [0, 1].flatMap(i => [0, 1].flatMap(j => [0, 1].map(k => [i, j, k])));
   const edges = corners.flatMap((one, a) => corners.flatMap((other, b) => a < b
     && one.reduce((sum, part, k) => sum + Math.abs(part - other[k]), 0) === 1 ? [[a, b]] : []));
-  const offsets = corners.map(([i, j, k]) => i * far + j * front + k);
+  const offsets = corners.map(([i, j, k]) => i * far + j * front + k), within = new Uint8Array(field.length);
+  for (let k = 0; k < field.length; k++) within[k] = field[k] > 0 ? 1 : 0;
   for (let i = 0; i + 1 < along; i++) for (let j = 0; j + 1 < side; j++) for (let k = 0; k + 1 < front; k++) {
     const first = i * far + j * front + k;
-    let inside = 0;
-    for (let c = 0; c < 8; c++) if (field[first + offsets[c]] > 0) inside++;
+    let inside = 0, crossed = 0;
+    for (let c = 0; c < 8; c++) inside += within[first + offsets[c]];
     if (inside === 0 || inside === 8) continue;
     const sum = [0, 0, 0];
-    let crossed = 0;
     for (const [a, b] of edges) {
       const one = field[first + offsets[a]], other = field[first + offsets[b]];
       if (one > 0 === other > 0) continue;
@@ -86,8 +92,8 @@ function zeroOf(field, [along, side, front]) {
   for (let i = 1; i + 1 < along; i++) for (let j = 1; j + 1 < side; j++) for (let k = 1; k + 1 < front; k++) {
     const here = i * far + j * front + k;
     for (let axis = 0; axis < 3; axis++) {
-      const inside = field[here] > 0;
-      if (inside === field[here + steps[axis]] > 0) continue;
+      const inside = within[here];
+      if (inside === within[here + steps[axis]]) continue;
       const [u, v] = [steps[(axis + 1) % 3], steps[(axis + 2) % 3]];
       const around = [here, here - u, here - u - v, here - v].map(one => number[one] - 1);
       if (around.some(one => one < 0)) continue;
@@ -98,20 +104,23 @@ function zeroOf(field, [along, side, front]) {
   return {points, cells};
 }
 
-// Directions of the points of a wall.
-const wallRays = (rows, columns) => Array.from({length: rows * columns}, (_, k) => direction(
-  360 * (k % columns) / columns, 180 * Math.floor(k / columns) / (rows - 1)));
-let rays = null;
+// Directions of the points of a wall, and its triangles: the same ones in every eye.
+let rays = null, around = null;
 
 function eyeSurfaces(model, eye) {
   const rows = 2 * model.rows - 1, columns = 2 * model.columns, {center, half} = eye;
-  rays = rays || wallRays(rows, columns);
-  const scaled = found => {
-    const one = new Float64Array(3 * found.length);
-    found.forEach((point, k) => { for (let j = 0; j < 3; j++) one[3 * k + j] = (point[j] - center[j]) / half; });
-    return one;
+  rays = rays || Array.from({length: rows * columns}, (_, k) => direction(
+    360 * (k % columns) / columns, 180 * Math.floor(k / columns) / (rows - 1)));
+  around = around || Uint16Array.from(cellsOf(rows, columns));
+  const scaled = (points, factor = () => 1) => {
+    const found = new Float64Array(3 * points.length);
+    points.forEach((point, k) => {
+      const by = factor(k);
+      for (let j = 0; j < 3; j++) found[3 * k + j] = (by * point[j] - center[j]) / half;
+    });
+    return found;
   };
-  const walls = scaled(rays.map((ray, k) => ray.map(part => part * eye.wall[k]))), around = cellsOf(rows, columns);
+  const wall = packedMesh(scaled(rays, k => eye.wall[k]), around);
 
   const placeOf = ([x, y, z]) => [Math.atan2(x, y) / radians, Math.acos(clamp(-z / Math.hypot(x, y, z), -1, 1)) / radians];
 
@@ -130,13 +139,9 @@ function eyeSurfaces(model, eye) {
     })};
   }
 
-  const painted = {};  // walls in the colors of a tamponade: only where it touches changes
-
   return {
-    wall(margin, covered, bare) {
-      painted[covered] = painted[covered] || packedMesh(walls, around, true, covered, bare);
-      return {...painted[covered], toLine: bytes(model.doubled(margin), Int8Array, 127, 1e3)};
-    },
+    wall: (margin, covered, bare) => ({...wall, coveredColor: covered, bareColor: bare,
+                                       toLine: bytes(model.doubled(margin), Int8Array, 127, 1e3)}),
 
     free,
 
@@ -144,12 +149,12 @@ function eyeSurfaces(model, eye) {
     tamponade(depth, meridian, color) {
       const {points, cells} = free(depth, meridian);
       const toWall = points.map(point => (model.at(eye.wall, ...placeOf(point)) - Math.hypot(...point)) / 1e-3);
-      return packedMesh(scaled(points), cells, false, color, color, toWall);
+      return {...packedMesh(scaled(points), cells), ...plain(color), toLine: bytes(toWall, Int8Array, 127)};
     },
 
     // A band around a break.
     tear(tear, color) {
-      if (!tear) return packedMesh(new Float64Array(9), [], true, color);
+      if (!tear) return {...packedMesh([], []), ...plain(color)};
       const points = [];
       for (const wider of [-1, 1]) {
         const low = Math.max(tear.latitude - 0.5 * tear.height - wider, 0.2), high = tear.latitude + 0.5 * tear.height + wider;
@@ -170,7 +175,7 @@ function eyeSurfaces(model, eye) {
         const next = (k + 1) % count;
         cells.push(k, next, count + next, k, count + next, count + k);
       }
-      return packedMesh(scaled(points), cells, false, color);
+      return {...packedMesh(scaled(points), cells), ...plain(color)};
     },
   };
 }
@@ -207,7 +212,7 @@ function headSurface() {
   }
   ball([0, -0.72, -0.14], [0.3, 0.42, 0.3], skin);
   for (let k = 1; k < points.length; k += 3) points[k] += 0.15;  // in the middle
-  return packedMesh(Float64Array.from(points), triangles, false, colors);
+  return {...packedMesh(Float64Array.from(points), triangles), covered: Uint8Array.from(colors.flat())};
 }
 
 if (typeof module !== "undefined") {

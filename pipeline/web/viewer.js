@@ -66,8 +66,12 @@ function showTurningView(root, scene) {
   }
   const KINDS = [["position", 3, Int16Array], ["normal", 3, Int8Array], ["toLine", 1, Int8Array], ["toFilm", 1, Int8Array],
                  ["covered", 3, Uint8Array], ["film", 3, Uint8Array], ["bare", 3, Uint8Array]];
-  const evenly = (value, count, Kind) => Kind.from({length: count * (value.length || 1)},
-    (_, k) => value.length ? value[k % value.length] : value);
+  function evenly(value, count, Kind) {
+    if (!value.length) return new Kind(count).fill(value);
+    const found = new Kind(count * value.length);
+    for (let k = 0; k < found.length; k++) found[k] = k < value.length ? value[k] : found[k - value.length];
+    return found;
+  }
 
   // Set what is given of a mesh; the rest stays. A color is one for all, or one for every point by its place in a ramp.
   function fill(geometry, mesh) {
@@ -117,7 +121,7 @@ function showTurningView(root, scene) {
   }
   let meshes = [];
 
-  let [azimuth, elevation] = scene.view, waiting = false;
+  let [azimuth, elevation] = scene.view, waiting = false, lastSize = [];
   function orient(rows) {
     const [a, b, c] = rows;
     turned.quaternion.setFromRotationMatrix(new THREE.Matrix4().set(...a, 0, ...b, 0, ...c, 0, 0, 0, 0, 1));
@@ -153,8 +157,12 @@ function showTurningView(root, scene) {
     waiting = false;
     const wide = canvas.clientWidth, high = canvas.clientHeight, shorter = Math.min(wide, high);
     if (!shorter) return;
-    renderer.setPixelRatio(devicePixelRatio || 1);
-    renderer.setSize(wide, high, false);
+    const size = [wide, high, devicePixelRatio || 1];
+    if (size.join() !== lastSize.join()) {  // a canvas is emptied by that
+      renderer.setPixelRatio(size[2]);
+      renderer.setSize(wide, high, false);
+      lastSize = size;
+    }
     const [right, top] = [FRAME * wide / shorter, FRAME * high / shorter];
     Object.assign(camera, {left: -right, right, top, bottom: -top});
     camera.updateProjectionMatrix();
@@ -282,10 +290,8 @@ function showTurningView(root, scene) {
     look: view => look(view, false),
     orient(rows) { orient(rows); redraw(); },
     replace(number, mesh) {
-      const old = meshes[number];
-      old.geometry.dispose();
-      turned.remove(...old.drawn);
-      meshes[number] = {...made(mesh), shown: old.shown};
+      meshes[number].geometry.dispose();
+      fill(meshes[number].geometry, mesh);
       redraw();
     },
   };
