@@ -1,6 +1,6 @@
 """Make the tables of the explorer: shapes of least energy for all directions of gravity and fills.
 
-    python -m pipeline.explorer_tables              # what is missing: 13 minutes of processor time, 3 for other eyes
+    python -m pipeline.explorer_tables              # what is missing: 13 minutes of processor time, 7 for other eyes
     python -m pipeline.explorer_tables --check 200  # how far they are off between their shapes
 
 A direction that was finished is kept, so that the same command goes on where it was stopped.
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not path_of(length, name, options.output).is_file():
             missing.setdefault(length, []).append(name)
     whole = TABLES[0][0]
-    shapes = sum(count(few=length != whole) * len(names) for length, names in missing.items())
+    shapes = sum(count(None if length == whole else name) for length, names in missing.items() for name in names)
     with progress(shapes, "oil at rest", unit="shape") as bar:
         for length, names in missing.items():
             bar.set_postfix_str(f"{length} mm")

@@ -10,7 +10,6 @@ from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.explorer.cases import (
     AZIMUTHS,
-    FEW_FILLS,
     FILLS,
     HALF,
     LATITUDES,
@@ -128,16 +127,16 @@ def path_of(eye: str, tamponade: str, folder: Path = FOLDER) -> Path:
     return folder / f"{eye}mm_{tamponade}.npz"
 
 
-def directions(*, few: bool = False) -> Iterator[tuple[int, int]]:
-    """Indices of tilt and azimuth of the directions that are computed; few, in another eye than the first."""
+def directions() -> Iterator[tuple[int, int]]:
+    """Indices of tilt and azimuth of the directions that are computed."""
     for tilt, azimuth in itertools.product(range(len(TILTS)), range(len(AZIMUTHS))):
-        if (azimuth == 0 or tilt not in POLES) and fills_at(tilt, few=few):
+        if azimuth == 0 or tilt not in POLES:
             yield tilt, azimuth
 
 
-def count(*, few: bool = False) -> int:
-    """Return how many shapes are computed for a table."""
-    return sum(len(fills_at(tilt, few=few)) for tilt, _ in directions(few=few))
+def count(few: str | None = None) -> int:
+    """Return how many shapes are computed for a table; few, of a tamponade in another eye than the first."""
+    return sum(len(fills_at(tilt, few)) for tilt, _ in directions())
 
 
 def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folders: Mapping[str, Path],
@@ -150,21 +149,21 @@ def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folder
     advance : called with the number of shapes found, after each direction of all tamponades.
     first : tables of the first eye, for another one, of which fewer shapes are computed.
     """
-    few = first is not None
     found: dict[str, dict[tuple[int, int], Table]] = {name: {} for name in tamponades}
-    for tilt, azimuth in directions(few=few):
-        paths = {name: folder / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
-                 for name, folder in folders.items()}
-        missing = [name for name, path in paths.items() if not path.is_file()]
+    for tilt, azimuth in directions():
+        fills = {name: wanted for name in tamponades if (wanted := fills_at(tilt, None if first is None else name))}
+        paths = {name: folders[name] / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz" for name in fills}
+        shapes: dict[str, list[Shape | None]] = {name: [] for name, path in paths.items() if not path.is_file()}
         # Tamponade by tamponade at a fill: they are looked at from the same point, and the wall that it sees is kept.
-        shapes = {fill: {name: shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill)
-                         for name in missing} for fill in fills_at(tilt, few=few)}
-        for name in missing:
-            Table.of([one[name] for one in shapes.values()]).write(paths[name])
+        for fill, name in itertools.product(FILLS, shapes):
+            if fill in fills[name]:
+                shapes[name].append(shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill))
+        for name, some in shapes.items():
+            Table.of(some).write(paths[name])
         for name, path in paths.items():
             found[name][tilt, azimuth] = Table.read(path)
-        advance(len(fills_at(tilt, few=few)) * len(paths))
-    return {name: (_whole(one) if first is None else _like(first[name], one)).with_shifts(chart)
+        advance(sum(map(len, fills.values())))
+    return {name: (_whole(one) if first is None else _like(first[name], one, name)).with_shifts(chart)
             for name, one in found.items()}
 
 
@@ -178,31 +177,42 @@ def _whole(found: dict[tuple[int, int], Table]) -> Table:
     return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
 
 
-def _like(first: Table, found: dict[tuple[int, int], Table]) -> Table:
+def _like(first: Table, found: dict[tuple[int, int], Table], name: str) -> Table:
     """The table of an eye of which few shapes are known: the others differ as these do from those of the first eye."""
     for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
         found[tilt, azimuth] = _turned(found[tilt, 0])
-    tilts, fills = sorted({tilt for tilt, _ in found}), [FILLS.index(fill) for fill in FEW_FILLS]
-    over_tilts = np.stack([np.interp(TILTS, TILTS[tilts], one) for one in np.eye(len(tilts))], axis=1)
-    places = spread(np.array(FILLS))
-    over_fills = np.stack([np.interp(places, places[fills], one) for one in np.eye(len(fills))], axis=1)
-    nodes = np.ix_(tilts, range(len(AZIMUTHS)), fills)
-    there = np.array([[table.margin.any(axis=(1, 2)) for table in (found[tilt, 0], found[tilt, 1])] for tilt in tilts])
+    fills = [fills_at(tilt, name) for tilt in range(len(TILTS))]
+    tilts = {fill: [tilt for tilt, there in enumerate(fills) if fill in there] for fill in FILLS}
+    known = [fill for fill in FILLS if tilts[fill]]
 
-    def field(name: str) -> np.ndarray:
-        whole = getattr(first, name)
-        few = np.stack([[getattr(found[tilt, azimuth], name) for azimuth in range(len(AZIMUTHS))] for tilt in tilts])
-        apart = (few.astype(float) - whole[nodes]).reshape(*there.shape, -1)
-        unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(name, np.inf)
-        apart = np.where(there[..., None] & (np.abs(apart) < unlike), apart, 0.0)
-        made = whole + np.einsum("ta,azfp,gf->tzgp", over_tilts, apart, over_fills, optimize=True).reshape(whole.shape)
-        if name in ("margin", "depth"):  # zero says that no shape was found
+    def shapes(fill: float, part: str) -> np.ndarray:
+        return np.stack([[getattr(found[tilt, azimuth], part)[fills[tilt].index(fill)]
+                          for azimuth in range(len(AZIMUTHS))] for tilt in tilts[fill]])
+
+    def field(part: str) -> np.ndarray:
+        whole = getattr(first, part)
+        unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(part, np.inf)
+        apart = []
+        for fill in known:
+            differ = shapes(fill, part) - whole[tilts[fill], :, FILLS.index(fill)].astype(float)
+            there = shapes(fill, "margin").any(axis=(2, 3)).reshape(*differ.shape[:2], *(1,) * (differ.ndim - 2))
+            apart.append(np.tensordot(_linear(TILTS, TILTS[tilts[fill]]),
+                                      np.where(there & (np.abs(differ) < unlike), differ, 0.0), 1))
+        over_fills = _linear(spread(np.array(FILLS)), spread(np.array(known)))
+        made = whole + np.moveaxis(np.tensordot(over_fills, np.array(apart), 1), 0, 2)
+        if part in ("margin", "depth"):  # zero says that no shape was found
             made = np.where(whole > 0, np.maximum(made, 1.0), 0.0)
-        made = made.astype(np.float32) if name == "shares" else _eight_bits(made)
-        made[nodes] = few
+        made = made.astype(np.float32) if part == "shares" else _eight_bits(made)
+        for fill in known:
+            made[tilts[fill], :, FILLS.index(fill)] = shapes(fill, part)
         return made
 
     return Table(*(field(one.name) for one in dataclasses.fields(Table)))
+
+
+def _linear(places: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Weights (places, known) of what is known at places between."""
+    return np.stack([np.interp(places, known, one) for one in np.eye(len(known))], axis=1)
 
 
 def _turned(table: Table) -> Table:

@@ -14,7 +14,7 @@ import pipeline
 from pipeline.base.errors import UserError
 from pipeline.equilibrium.star_cavity import DRAFT, cavity_of
 from pipeline.explorer import table as tables
-from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, LATITUDES, TABLES, TILTS, eyes, tamponades
+from pipeline.explorer.cases import AZIMUTHS, FILLS, HALF, JUMPING, LATITUDES, TABLES, TILTS, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import HEADS, Errors, down_of
 from pipeline.explorer.interface import SIZE, Interface, Lattice, across
@@ -134,7 +134,7 @@ def test_settings_between_the_tables_are_as_far_off_as_is_told():
     off, surface = np.abs(errors.off), errors.surface
     near = np.array([abs(float(row[0]) - 24.0) <= 1.0 for row in errors.rows])
     assert len(off) >= 190 and near.sum() > 40
-    assert off[near, 0].max() < 0.01 and np.percentile(off[:, 0], 90.0) < 0.01
+    assert off[near, 0].max() < 0.01 and off[:, 0].max() < 0.03 and np.percentile(off[~near, 0], 95.0) < 0.01
     assert np.percentile(off[:, 1:3], 90.0, axis=0).max() < 0.015 and np.median(off, axis=0).max() < 0.005
     assert np.percentile(surface[:, 0], 95.0) < 0.3 and np.percentile(surface[:, 1], 75.0) < 0.3  # mm
 
@@ -277,7 +277,7 @@ def test_directions_that_are_there_are_not_computed_again(tmp_path, monkeypatch)
 
 
 def test_another_eye_differs_as_its_few_shapes_do(tmp_path, monkeypatch):
-    chart, kinds = SimpleNamespace(shift=lambda margin, change: 0.0), {"gas": tamponades()["gas"]}
+    chart, kinds = SimpleNamespace(shift=lambda margin, change: 0.0), {"light": tamponades()["light"]}
 
     def shape_of(more):
         def shape_at(views, tamponade, meridian, tilt, fill):
@@ -286,16 +286,19 @@ def test_another_eye_differs_as_its_few_shapes_do(tmp_path, monkeypatch):
         return shape_at
 
     monkeypatch.setattr(tables, "shape_at", shape_of(0.0))
-    first = make(None, chart, kinds, {"gas": tmp_path / "first"}, lambda count: None)
+    first = make(None, chart, kinds, {"light": tmp_path / "first"}, lambda count: None)
     made = {}
     for name, more in (("near", 0.5e-3), ("far", 5e-3)):
         monkeypatch.setattr(tables, "shape_at", shape_of(more))
-        made[name] = make(None, chart, kinds, {"gas": tmp_path / name}, lambda count: None, first)["gas"]
-    differ = {name: tables.margin_of(one.margin) - tables.margin_of(first["gas"].margin) for name, one in made.items()}
+        made[name] = make(None, chart, kinds, {"light": tmp_path / name}, lambda count: None, first)["light"]
+    first = tables.margin_of(first["light"].margin)
+    differ = {name: tables.margin_of(one.margin) - first for name, one in made.items()}
     expected = 0.5e-3 * (1.0 + TILTS / 180.0)[:, None, None, None, None]
     assert np.abs(differ["near"] - expected).max() < 1e-4
-    # Shapes that are quite different ones say nothing of those between.
-    assert np.abs(differ["far"][1]).max() == 0.0 and differ["far"][0, 0, 0, 0, 0] > 4.9e-3
+    # Shapes that are quite different ones say nothing of those between; where oil jumps there is one at every tilt.
+    jumping = np.isin(FILLS, JUMPING["light"])
+    assert np.abs(differ["far"][1][:, ~jumping]).max() == 0.0 and differ["far"][0, 0, 0, 0, 0] > 4.9e-3
+    assert differ["far"][:, :, jumping].min() > 4e-3  # which is cut off at 8 mm
 
 
 @pytest.mark.thorough
@@ -323,8 +326,8 @@ def test_the_page_works_in_a_browser(page_file, tmp_path, width):
         browser.run("location.hash = '#fill=60&pitch=90&eye=22'")  # on the back the oil may lean up or down
         assert comes(f"{notes} === 'false,false'")
         browser.run("location.hash = '#fill=120&pitch=90'")
+        assert comes("document.querySelector('.message').textContent.includes('98.5 % is shown')")
         assert comes("location.hash.includes('fill=98.5')")
-        assert "98.5 % is shown" in browser.run("document.querySelector('.message').textContent")
         views.append(browser.run("document.querySelector('.fundus canvas').toDataURL()"))
         browser.run("document.querySelector('.head canvas').dispatchEvent(new KeyboardEvent('keydown', "
                     "{key: 'ArrowDown'}))")
