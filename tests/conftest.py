@@ -207,7 +207,7 @@ def elsewhere(circle, tmp_path_factory):
     def advanced(precision: str, threads: int, case: str) -> dict[str, np.ndarray]:
         target = folder / f"{precision}_{threads}_{case}.npz"
         subprocess.run([sys.executable, "-m", "helpers.cavities", precision, str(threads), folder / "circle.npz",
-                        target, case], cwd=ROOT / "tests", env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+                        target, case], env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}"}, check=True)
         return dict(np.load(target))
 
     return advanced

@@ -64,8 +64,8 @@ def test_container_and_definition_call_the_same_installation():
     for name in ("Dockerfile", "apptainer.def", "in_debian"):
         assert re.search(r"^\s*(RUN |inside HOME=/root )?/tmp/eye-oil/container/install /opt/eye-oil",
                          (ROOT / "container" / name).read_text(), re.MULTILINE), name
-    for name in ("install", "in_debian"):
-        assert not subprocess.run(["bash", "-n", ROOT / "container" / name]).returncode
+    for name in ("container/install", "container/in_debian", "tests/of_wheel"):
+        assert not subprocess.run(["bash", "-n", ROOT / name]).returncode
 
 
 def test_container_gets_what_the_wheel_is_made_of():
@@ -124,4 +124,5 @@ def test_libraries_in_pages_are_told_as_they_are(capsys):
         assert f"{one.version} | {one.license}," in (VENDOR / "README.md").read_text(encoding="utf-8")
     software.main([])
     assert "uPlot,1.6.32,MIT\n" in capsys.readouterr().out
-    assert {*VENDOR.glob("LICENSE.*")} <= {path for name in PROJECT["license-files"] for path in ROOT.glob(name)}
+    licenses = {path.resolve() for name in PROJECT["license-files"] for path in ROOT.glob(name)}
+    assert {path.resolve() for path in VENDOR.glob("LICENSE.*")} <= licenses

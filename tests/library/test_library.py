@@ -1,6 +1,7 @@
 """The pipeline from Python: changes of a scene become a file, errors are one exception, results are objects."""
 import dataclasses
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -216,6 +217,8 @@ def test_containers_get_all_that_a_wheel_is_made_of():
     let_in = {line.lstrip("!") for line in (ROOT / ".dockerignore").read_text().splitlines()}
     packed = set((ROOT / "container" / "in_debian").read_text().partition("tar -C")[2].partition("|")[0].split())
     assert parts <= let_in and parts <= packed
+    of_wheel = re.findall(r"(?:CODE|REST)=\((.*?)\)", (ROOT / "tests" / "of_wheel").read_text())
+    assert {*" ".join(of_wheel).split()} == parts - {"docs/report"}
 
 
 @pytest.mark.thorough

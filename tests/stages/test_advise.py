@@ -15,6 +15,7 @@ from pipeline.advice.dimensionless_numbers import scales_of
 from pipeline.advice.report import html_of, json_of, report_of, text_of
 from pipeline.advice.rules import NOTE, SEEN_EFFECT, WARNING
 from pipeline.advise import main
+from pipeline.base import digest
 from pipeline.base.digest import code_used, modules_used
 from pipeline.base.errors import UserError
 from pipeline.cavity.surface import cavity_volume
@@ -405,10 +406,10 @@ def test_wrong_input_is_a_sentence(config, tmp_path):
 # In the workflow
 
 def test_advice_does_not_make_a_simulation_run_again():
-    simulated = {str(path.relative_to(ROOT)) for path in modules_used("pipeline.simulate", {"gravity"})}
+    simulated = {str(path.relative_to(digest.ROOT)) for path in modules_used("pipeline.simulate", {"gravity"})}
     assert "pipeline/simulate.py" in simulated
     assert not any(path.startswith(("pipeline/advise.py", "pipeline/advice/")) for path in simulated)
-    advised = {str(path.relative_to(ROOT)) for path in modules_used("pipeline.advise", {"viscosity"})}
+    advised = {str(path.relative_to(digest.ROOT)) for path in modules_used("pipeline.advise", {"viscosity"})}
     assert {"pipeline/advise.py", "pipeline/advice/rules.py", "sim/effects/viscosity.py"} <= advised
 
 

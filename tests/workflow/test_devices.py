@@ -129,8 +129,8 @@ def states(folder: Path, *cases: str) -> dict[str, dict[str, np.ndarray]]:
         pytest.skip("no Vulkan on this machine: install mesa-vulkan-drivers (./run test does, or tells how)")
     for device in ("cpu", "vulkan"):
         subprocess.run([sys.executable, "-m", "helpers.on_device", device, folder / "shared.npz",
-                        folder / f"{device}.npz", *cases], cwd=ROOT / "tests",
-                       env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+                        folder / f"{device}.npz", *cases],
+                       env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}"}, check=True)
     return {device: dict(np.load(folder / f"{device}.npz")) for device in ("cpu", "vulkan")}
 
 

@@ -154,7 +154,7 @@ def test_outputs_that_cannot_be_written_end_with_a_sentence(project):
 # Digests
 
 def test_simulation_depends_on_the_effects_of_its_scene_only():
-    used = {str(path.relative_to(ROOT)) for path in modules_used("pipeline.simulate", {"gravity"})}
+    used = {str(path.relative_to(code_digest.ROOT)) for path in modules_used("pipeline.simulate", {"gravity"})}
     assert {"pipeline/simulate.py", "sim/solver.py", "sim/effects/gravity.py"} <= used
     assert "sim/effects/diffusion.py" not in used and "pipeline/render.py" not in used
 
@@ -163,8 +163,8 @@ def test_every_stage_has_a_digest_that_ignores_the_solver_where_it_is_not_run():
     for stage in ("scene", "advise", "eye", "voxelize", "reconstruct", "render", "movie", "metrics", "frames",
                   "effect_costs", "index_run"):
         used = modules_used(f"pipeline.{stage}", {"gravity"})
-        assert ROOT / "pipeline" / f"{stage}.py" in used
-        assert ROOT / "sim" / "solver.py" not in used, stage
+        assert code_digest.ROOT / "pipeline" / f"{stage}.py" in used
+        assert code_digest.ROOT / "sim" / "solver.py" not in used, stage
 
 
 def test_digest_counts_code_but_not_comments(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from helpers.snakemake_output import TRACE, planned
 
 from pipeline import study as study_stage
 from pipeline import study_report
+from pipeline.base import digest
 from pipeline.base.digest import modules_used
 from pipeline.base.errors import UserError
 from pipeline.scenes.load import load_accuracy_levels
@@ -274,7 +275,7 @@ def test_a_level_without_a_value_of_its_own_takes_that_of_the_next_coarser_one(w
 def effect_files(module, choices):
     """Names of the effects whose files count for the outcome of cases."""
     used = modules_used(module, choices)
-    return {path.stem for path in used if path.parent == ROOT / "sim" / "effects"} & {*REGISTRY}
+    return {path.stem for path in used if path.parent == digest.ROOT / "sim" / "effects"} & {*REGISTRY}
 
 
 @pytest.mark.parametrize("name", ["ink_drop_study", "oil_shape_study", "coupling_study", "collision_study"])
