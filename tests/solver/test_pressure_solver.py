@@ -283,6 +283,9 @@ def test_growing_volumes_are_a_source_where_the_wall_is_too(circle):
     rate = np.random.default_rng(7).normal(size=reference.count) * reference.volume
     solver.particles.from_numpy("volume_rate", rate)
     dt = 0.25
+    injection = next(effect for effect in solver.effects if effect.name == "injection")
+    injection.flows = True
+    injection.prepare(dt)
     solver.scheme._set_velocity_right_side(dt)
     found = solver.scheme.pressure_solver.right_side.to_numpy()[: reference.count] * dt
     volume = np.concatenate([reference.volume, solver.walls.volume.to_numpy()])
