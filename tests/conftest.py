@@ -25,7 +25,7 @@ COMPILED = ROOT / ".pytest_cache" / library().name
 os.environ.setdefault(library().variable("offline_cache_file_path"), str(COMPILED))
 os.environ.setdefault(library().variable("offline_cache_max_size_of_files"), str(2**30))
 # Files of tests are taken in this order, else one of them would be left to one process at the end.
-LONG_FIRST = ("workflow", "equilibrium", "solver", "studies", "stages")
+LONG_FIRST = ("workflow", "test_tutorials.py", "equilibrium", "solver", "studies", "stages")
 
 
 # Where all tests are collected:
