@@ -26,6 +26,8 @@ from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.interrupt import Interrupt
 from pipeline.workflow.scenes import Workflow, room_texts, scene_names
 from pipeline.workflow.shell import PREFIX
+from pipeline.workflow.studies import Studies
+from studies.results.workflow import Results
 
 
 configfile: "config/config.yaml"
@@ -43,6 +45,8 @@ def rested(scene, level, segment):
 
 
 flow = Workflow(config, workflow.resource_settings.max_threads is not None, rested)
+studies = Studies(flow)
+results = Results(studies)
 interrupt = Interrupt(logger)
 SCENE = ancient("outputs/{scene}/{level}/scene.json")
 FRAMES = "outputs/{scene}/{level}/frames/segment_{segment}"
@@ -118,8 +122,8 @@ include: "rules/pages.smk"
 include: "rules/explorer.smk"
 include: "rules/refusals.smk"
 include: "rules/studies.smk"
-include: "rules/results.smk"
 include: "rules/software.smk"
+include: "rules/results.smk"
 
 
 # `snakemake <scene>` makes all of a scene, but of one that has the name of a rule or a study.

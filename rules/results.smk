@@ -13,7 +13,6 @@ for run in results.runs:
             results.inputs(run),
         output:
             str(run.stamp),
-        priority: 1000
         params:
             about=run.words(),
             commands=results.commands(run),
@@ -35,3 +34,6 @@ rule results_small:
         [str(run.stamp) for run in results.runs if not run.long],
     message:
         "the numbers of docs/results are of this code, but those of the runs of more than two hours"
+
+
+results.hasten(workflow.rules)

@@ -1,33 +1,43 @@
 """The solver, segment by segment, and what it leaves behind."""
 
+# Everything waits for the simulation. Where all results are asked for, scenes have rules of their own, by which cheap ones come
+# first.
+for name, scene, level, priority in [*results.rules("scene"), ("simulate", "[A-Za-z0-9_-]+", flow.any_level, 10)]:
+    if name != "simulate":
+        workflow.ruleorder(name, "simulate")
 
-rule simulate:
-    input:
-        scene=SCENE,
-        initial="outputs/{scene}/{level}/initial.npz",
-        restart=lambda w: flow.start(w.scene, w.level, w.segment),
-    output:
-        frames=directory(FRAMES),
-        checkpoint="outputs/{scene}/{level}/checkpoints/segment_{segment}.npz",
-        costs="outputs/{scene}/{level}/costs/segment_{segment}.json",
-    log:
-        "outputs/{scene}/{level}/logs/simulate_{segment}.log",
-    priority: 10  # everything waits for the simulation
-    threads: lambda w: flow.threads(w.scene, w.level, cores())
-    resources:
-        mem_mb=flow.memory("simulate"),
-        gpu=flow.gpu,
-    params:
-        depends=flow.depends("simulate"),
-        restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
-        segment=lambda w: int(w.segment),
-    message:
-        "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}"
-    shell:
-        "STAGE_USAGE={log}.json "
-        "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
-        " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
-        " {flow.device} 2>&1 | tee {log}"
+    rule:
+        name:
+            name
+        input:
+            scene=SCENE,
+            initial="outputs/{scene}/{level}/initial.npz",
+            restart=lambda w: flow.start(w.scene, w.level, w.segment),
+        output:
+            frames=directory(FRAMES),
+            checkpoint="outputs/{scene}/{level}/checkpoints/segment_{segment}.npz",
+            costs="outputs/{scene}/{level}/costs/segment_{segment}.json",
+        log:
+            "outputs/{scene}/{level}/logs/simulate_{segment}.log",
+        wildcard_constraints:
+            scene=scene,
+            level=level,
+        priority: priority
+        threads: lambda w: flow.threads(w.scene, w.level, cores())
+        resources:
+            mem_mb=flow.memory("simulate"),
+            gpu=flow.gpu,
+        params:
+            depends=flow.depends("simulate"),
+            restart=lambda w, input: f"--restart {input.restart}" if input.restart else "",
+            segment=lambda w: int(w.segment),
+        message:
+            "{wildcards.scene} at {wildcards.level}: simulate segment {wildcards.segment}"
+        shell:
+            "STAGE_USAGE={log}.json "
+            "python -m pipeline.simulate {input.scene} {input.initial} --segment {params.segment} {params.restart}"
+            " --frames {output.frames} --checkpoint {output.checkpoint} --costs {output.costs} --threads {threads}"
+            " {flow.device} 2>&1 | tee {log}"
 
 
 # Of scenes that end at rest: whether another segment follows.

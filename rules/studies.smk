@@ -3,14 +3,8 @@
 The level is that of `--config accuracy=...`, or of the path: `snakemake -j2 outputs/studies/<study>/<level>/table.html`.
 """
 
-from pipeline.workflow.studies import Studies
-from studies.results.workflow import Results
-
-studies = Studies(flow)
-results = Results(studies)
-
 # Where all results are asked for, cases have rules of their own, by which those of cheap studies come first.
-for name, study, level, priority in [*results.case_rules(), ("study_case", "[A-Za-z0-9_]+", flow.any_level, 0)]:
+for name, study, level, priority in [*results.rules("study"), ("study_case", "[A-Za-z0-9_]+", flow.any_level, 0)]:
     if name != "study_case":
         workflow.ruleorder(name, "study_case")
 

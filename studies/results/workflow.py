@@ -1,5 +1,7 @@
 """What the rules of `results` ask: which runs there are, what each needs, and what brings its numbers into tables."""
 import sys
+from collections.abc import Iterable
+from typing import Any
 
 from pipeline.base.errors import UserError
 from pipeline.workflow.scenes import stop
@@ -8,6 +10,8 @@ from studies.results.plan import PLAN, Plan, Run, read_plan
 from studies.results.tables import FOLDER, LAYOUT, read_layout, read_rows
 
 WORD = "results"  # begins the names of the targets, and of rules that jobs elsewhere are asked for
+LONG_JOBS = {"study": "case", "scene": "simulate"}  # of a run: what its rules for them are called after
+SOON = 1000  # priority above that of any long job
 DRY_RUN = ("-n", "--dry-run", "--dryrun")
 
 
@@ -47,8 +51,14 @@ class Results:
         commands = run.commands(self._layout, self._rows)
         return " && ".join(commands) or "echo no table has numbers of this run"
 
-    def case_rules(self) -> list[tuple[str, str, str, int]]:
-        """Return name, study, level and priority of the rules by which cheap studies come first."""
-        return [(f"{WORD}_case_{run.key}", run.name, run.level, self._plan.priority(run)) for run in self.runs
-                if run.kind == "study"]
+    def rules(self, kind: str) -> list[tuple[str, str, str, int]]:
+        """Return name, study or scene, level and priority of the rules by which cheap runs of a kind come first."""
+        return [(f"{WORD}_{LONG_JOBS[kind]}_{run.key}", run.name, run.level, self._plan.priority(run))
+                for run in self.runs if run.kind == kind]
 
+    def hasten(self, rules: Iterable[Any]) -> None:
+        """Let what a run needs beside its long jobs come before the next run, so that its numbers are taken soon."""
+        long = tuple(f"{WORD}_{job}_" for job in LONG_JOBS.values())
+        for rule in rules if self.runs else ():
+            if not rule.name.startswith(long):
+                rule.priority = SOON

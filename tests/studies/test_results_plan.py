@@ -2,6 +2,7 @@
 import csv
 import dataclasses
 import shutil
+import types
 from pathlib import Path
 
 import pytest
@@ -117,12 +118,30 @@ def test_commands_take_what_a_table_has_and_gather_cases_before():
     assert 10 < len(cases) < 100 and all("/cases/" in case for case in cases)
 
 
-def test_rules_are_there_for_those_alone_who_ask_for_results(monkeypatch):
+def rules_of(monkeypatch, target):
     monkeypatch.chdir(ROOT)
-    studies = Studies.__new__(Studies)
-    monkeypatch.setattr("sys.argv", ["snakemake", "all"])
-    assert Results(studies).runs == () and Results(studies).case_rules() == []
-    monkeypatch.setattr("sys.argv", ["snakemake", "results_small"])
-    rules = Results(studies).case_rules()
-    assert len(rules) == sum(run.kind == "study" for run in ALL.runs)
+    monkeypatch.setattr("sys.argv", ["snakemake", target])
+    return Results(Studies.__new__(Studies))
+
+
+def test_rules_are_there_for_those_alone_who_ask_for_results(monkeypatch):
+    nothing = rules_of(monkeypatch, "all")
+    assert nothing.runs == () and nothing.rules("study") == nothing.rules("scene") == []
+    results = rules_of(monkeypatch, "results_small")
+    rules = results.rules("study") + results.rules("scene")
+    assert len(rules) == len({name for name, *_ in rules}) == len(ALL.runs)
     assert rules[0][1] == "equilibrium_study" and rules[0][3] == max(rule[3] for rule in rules)
+
+
+def test_cheap_scenes_and_studies_take_turns_and_numbers_are_taken_before_the_next_run(monkeypatch):
+    results = rules_of(monkeypatch, "results")
+    rules = [types.SimpleNamespace(name=name, priority=priority)
+             for name, *_, priority in results.rules("study") + results.rules("scene")]
+    order = [rule.name.split("_", 2)[2] for rule in sorted(rules, key=lambda rule: -rule.priority)]
+    assert order == [run.key for run in ALL.runs]
+    short = [types.SimpleNamespace(name=name, priority=0) for name in ("metrics", "eye_study_report", "results_of_x")]
+    before = [rule.priority for rule in rules]
+    results.hasten(rules + short)
+    assert [rule.priority for rule in rules] == before and min(one.priority for one in short) > max(before)
+    rules_of(monkeypatch, "all").hasten(idle := [types.SimpleNamespace(name="metrics", priority=0)])
+    assert idle[0].priority == 0
