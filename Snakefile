@@ -26,6 +26,7 @@ from pipeline.workflow.digest import stage_digest
 from pipeline.workflow.interrupt import Interrupt
 from pipeline.workflow.scenes import Workflow, room_texts, scene_names
 from pipeline.workflow.shell import PREFIX
+from pipeline.workflow.targets import refuse_impossible
 
 
 configfile: "config/config.yaml"
@@ -133,3 +134,6 @@ for name in scene_names():
                 flow.wanted([name]),
             message:
                 "all done: {input}"
+
+
+refuse_impossible(flow, workflow.resource_settings.cores, workflow.rules, sys.argv[1:])

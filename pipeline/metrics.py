@@ -247,7 +247,7 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path],
     films = FilmCourse.of(scene, float(initial["cavity_volume"]))
     with progress(len(paths), f"{scene.name}: metrics") as bar:
         for path in paths:
-            state = Measured(scene, initial, read_frame(path), places).after(films)
+            state = Measured(scene, initial, read_frame(path, scene.output.frame_interval), places).after(films)
             row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):
                 row |= one.columns(state)

@@ -288,7 +288,7 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
     try:
         with replacing_folder(output) as folder, progress(len(paths), label) as bar:
             for path in paths:
-                frame = read_frame(path)
+                frame = read_frame(path, scene.output.frame_interval)
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
                 meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:

@@ -19,7 +19,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.numpy_files import read_arrays, write_arrays
-from pipeline.base.sequences import FRAMES_AGAIN, in_sequence
+from pipeline.base.sequences import FRAMES_AGAIN, in_sequence, number_of
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 POINT_UNITS = {
@@ -182,12 +182,16 @@ def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids:
     return array
 
 
-def read_frame(path: str | os.PathLike) -> FrameData:
+def read_frame(path: str | os.PathLike, interval: float | None = None) -> FrameData:
     """Read a frame written by :func:`write_frame`.
+
+    Parameters
+    ----------
+    interval : between the frames of its run, s, where its time is to be that of its number.
 
     Raises
     ------
-    UserError : the file is missing, or no frame of this pipeline.
+    UserError : the file is missing, no frame of this pipeline, or another frame than its name says.
     DamagedFile : its checksum does not fit.
     """
     from pipeline.base.vtk_files import read_raw
@@ -202,10 +206,14 @@ def read_frame(path: str | os.PathLike) -> FrameData:
         missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
         if missing:
             raise ValueError(f"without {', '.join(sorted(missing))}")
-        return _from_arrays(points, fields, coordinates)
+        frame = _from_arrays(points, fields, coordinates)
     except (ValueError, IndexError, KeyError, TypeError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
+    if interval and abs(frame.time - number_of(path) * interval) > 0.5 * interval:
+        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but by its name that of "
+                        f"{number_of(path) * interval:.6g} s; remove its folder and {FRAMES_AGAIN}")
+    return frame
 
 
 def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:

@@ -180,7 +180,7 @@ def _read_nifti(path: Path) -> LabelImage:
                       "RAS" if code else "", unit, {}, tuple(notes))
 
 
-def _raw_sizes(path: Path, head: type) -> np.ndarray:
+def _raw_sizes(path: Path, head: Any) -> np.ndarray:
     """Sides of a voxel (3,) as the head of a NIfTI gives them, which its reader mends where they are 0 or negative."""
     import nibabel
 

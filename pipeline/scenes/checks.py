@@ -47,6 +47,7 @@ from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
 
+UNLIKE_ITS_NAME = 3.0  # factor between the viscosity of a silicone oil and the number in its name
 MOST_PLACES = 100  # each has several columns and lines in plots
 MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
 LONGEST_NAME = 100
@@ -82,7 +83,7 @@ def doubts(scene: Scene) -> list[tuple[Key, str]]:
     It is no error: it can be simulated, and somebody may want it.
     """
     parts = vars(scene) | {"oil": scene.liquids[oil_of(scene)].name, "down": down_at_start(scene)}
-    found = list(_oils_float_and_heavy_ones_sink(scene.liquids))
+    found = [*_oils_float_and_heavy_ones_sink(scene.liquids), *_oils_flow_as_their_names_say(scene.liquids)]
     for name, parameters in scene.effects.items():
         for function in REGISTRY[name].doubts:
             found += _asked(function, {**parts, "parameters": parameters})
@@ -102,6 +103,17 @@ def _oils_float_and_heavy_ones_sink(liquids: tuple[Material, ...]) -> Found:
                            "heavy oils have 1020 to 1060 kg/m3 and sink; name a silicone oil if a light one is meant"
                            if heavy else "silicone oils have 960 to 980 kg/m3 and float; name heavy_oil_densiron_68 "
                                          "if a heavy one is meant"))
+
+
+def _oils_flow_as_their_names_say(liquids: tuple[Material, ...]) -> Found:
+    """The number in the name of a silicone oil is its viscosity in cSt, which is about that in mPa s."""
+    for oil in liquids:
+        named = re.fullmatch(r"silicone_oil_(\d+)(_.*)?", oil.name)
+        factor = 1e3 * oil.dynamic_viscosity / float(named[1]) if named and int(named[1]) else 1.0
+        if not 1.0 / UNLIKE_ITS_NAME <= factor <= UNLIKE_ITS_NAME:
+            yield (("liquids", oil.name, "dynamic_viscosity"),
+                   f"is {1e3 * oil.dynamic_viscosity:g} mPa s, but {oil.name} has about {named[1]} mPa s, as its name "
+                   f"says (did you mean {named[1]} cSt?)")
 
 
 def _asked(function: Callable[..., Any], parts: Mapping[str, Any]) -> Found:
