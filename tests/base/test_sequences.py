@@ -10,6 +10,7 @@ from pipeline import bodies, frames, metrics, movie, rest
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, frame_path, frames_of, write_frame
 from pipeline.base.sequences import in_sequence, without_others
+from pipeline.measures.rest import course_of_coverage
 from pipeline.render import render_frames
 from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_scene
@@ -119,3 +120,20 @@ def test_whole_and_longer_runs_are_read(run):
     check_segments(scene, frames_of(segments(run, "frames")), "")
     (run / "frames/segment_000").rename(run / "some")
     check_segments(scene, [run / "some/frame_00001.vtu"], "")
+
+
+OTHER_FRAMES = {  # how a stage reads the frames of a folder
+    "metrics": lambda scene, run, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
+    "rest": lambda scene, run, folder: course_of_coverage(scene, {}, find_frames(folder)),
+    "render": lambda scene, run, folder: render_frames(scene, 5e-6, None, folder, run / "surfaces/segment_001",
+                                                       run / "new"),
+}
+
+
+@pytest.mark.parametrize("stage", OTHER_FRAMES)
+def test_a_frame_under_the_name_of_another_is_told(run, stage):
+    """As after a copy: it is whole, and its checksum fits, but a course over time would stand still or go back."""
+    folder = run / "frames/segment_001"
+    shutil.copy(folder / "frame_00004.vtu", folder / "frame_00003.vtu")
+    with pytest.raises(UserError, match=r"frame_00003\.vtu: is the frame of 0\.2 s, but by its name that of 0\.15 s"):
+        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), run, folder)
