@@ -149,7 +149,7 @@ def main(arguments: list[str] | None = None) -> None:
     device = chosen_device(options.device, scene, options.scene)
     if options.format and scene.dimension == 2:
         raise UserError("--format: the surfaces of a scene in two dimensions are lines, which are written as .vtp only")
-    paths, interval = find_frames(options.frames), scene.output.frame_interval
+    paths = find_frames(options.frames)
     check_segments(scene, paths, FRAMES_AGAIN)
     initialize("f32", threads, device, keep_to_core=True)
     initial = load_initial(options.initial)
@@ -161,12 +161,14 @@ def main(arguments: list[str] | None = None) -> None:
     if options.eye and scene.eye is not None:
         wall = Wall(scene, initial, read_surface(options.eye))
         for path in frames_of(options.before):
-            wall.follow(read_frame(path, interval))
+            wall.follow(read_frame(path))
     label = f"{scene.name}: reconstruct {options.frames.name}"
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
+        before = -np.inf
         for path in paths:
-            write_surfaces(folder, path, read_frame(path, interval), reconstructor,
-                           options.format or scene.output.formats, wall)
+            frame = read_frame(path, before)
+            before = frame.time
+            write_surfaces(folder, path, frame, reconstructor, options.format or scene.output.formats, wall)
             frame_done()
             bar.update()
 

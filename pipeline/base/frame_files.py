@@ -7,6 +7,7 @@ and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is store
 ``bytes(mesh.field_data["liquids"]).decode()`` (``pipeline.base.vtk_files``).
 """
 import dataclasses
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.numpy_files import read_arrays, write_arrays
-from pipeline.base.sequences import FRAMES_AGAIN, in_sequence, number_of
+from pipeline.base.sequences import FRAMES_AGAIN, in_sequence
 
 FRAME_SUFFIXES = (".vtu", ".vtp")
 POINT_UNITS = {
@@ -182,12 +183,12 @@ def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids:
     return array
 
 
-def read_frame(path: str | os.PathLike, interval: float | None = None) -> FrameData:
+def read_frame(path: str | os.PathLike, after: float = -math.inf) -> FrameData:
     """Read a frame written by :func:`write_frame`.
 
     Parameters
     ----------
-    interval : between the frames of its run, s, where its time is to be that of its number.
+    after : time of the frame before it in a run, s.
 
     Raises
     ------
@@ -210,9 +211,9 @@ def read_frame(path: str | os.PathLike, interval: float | None = None) -> FrameD
     except (ValueError, IndexError, KeyError, TypeError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
-    if interval and abs(frame.time - number_of(path) * interval) > 0.5 * interval:
-        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but by its name that of "
-                        f"{number_of(path) * interval:.6g} s; remove its folder and {FRAMES_AGAIN}")
+    if frame.time <= after:
+        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {after:.6g} s, as "
+                        f"after a copy under another name; remove its folder and {FRAMES_AGAIN}")
     return frame
 
 

@@ -7,13 +7,11 @@ LONGEST = 80  # of a text in a message
 # What else names in files and commands are called: in the clinic, in other languages, in other programs.
 ALSO = {"upright": "sitting seated standing sit erect aufrecht sitzend debout assis",
         "supine": "face_up on_back on_the_back lying liegend rückenlage decubitus_supino",
-        "prone": "face_down facedown on_belly bauchlage kopf_unten ventral", "left_side": "left links gauche linksseitig",
-        "right_side": "right rechts droite rechtsseitig", "right": "od r rechts droite rechtes", "left": "os l links gauche",
+        "prone": "face_down facedown on_belly bauchlage ventral", "left_side": "left links gauche linksseitig",
+        "right_side": "right rechts droite rechtsseitig", "right": "od r rechts droite", "left": "os l links gauche",
         "pseudophakic": "iol artificial", "cuda": "gpu nvidia", "um": "µm μm micron microns micrometer micrometre",
         "mm": "millimeter millimetre millimeters", "in": "inch inches zoll", "air": "gas luft sf6 c3f8 c2f6",
-        "aqueous": "wasser kammerwasser bss saline humor", "silicone_oil_1000": "oil silicone_oil silikonöl öl",
-        "position_based": "pbd pbf xpbd", "wall_film": "film", "interface_tension": "surface_tension tension",
-        "eye_rotation": "saccades saccade"}
+        "aqueous": "wasser kammerwasser bss saline humor", "silicone_oil_1000": "oil silicone_oil silikonöl öl"}
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 
 

@@ -91,8 +91,10 @@ def course_of_coverage(scene: Scene, initial: dict[str, np.ndarray], paths: Sequ
     """
     frames = round(REST_WINDOW / scene.output.frame_interval) + 1
     table: dict[str, list[float]] = {}
+    before = -np.inf
     for path in [*paths[:1], *paths[1:][-frames:]]:
-        frame = read_frame(path, scene.output.frame_interval)
+        frame = read_frame(path, before)
+        before = frame.time
         for column, number in row_of_coverage(Measured(scene, initial, frame)).items():
             table.setdefault(column, []).append(number)
     return {column: np.array(numbers, float) for column, numbers in table.items()}

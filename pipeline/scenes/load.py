@@ -100,7 +100,7 @@ def project_materials() -> dict[str, Material]:
 
 @functools.cache
 def _places() -> dict[str, list[str]]:
-    """Return where every key of a scene stands, by its name, for keys that are written one level too high or too low."""
+    """Return where every key of a scene stands, by its name, for keys that are written at another level."""
     found: dict[str, list[str]] = {"accuracy": ["--config accuracy=standard at the command line"]}
     found["level"] = found["accuracy"]
     rooms = {field.name: next((one for one in (field.type, *typing.get_args(field.type))

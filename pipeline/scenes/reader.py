@@ -148,7 +148,8 @@ class Reader:
         for name in [name for name in data if name not in names]:
             known = f"known here are {', '.join(names)}" if names else "nothing can be set here"
             places = self._places.get(str(name), []) if len(key) < 2 else []
-            meant = f" (did you mean {' or '.join(places)}?)" if 0 < len(places) <= MOST_PLACES else nearest(name, names)
+            meant = f" (did you mean {' or '.join(places)}?)" if 0 < len(places) <= MOST_PLACES else \
+                nearest(name, names)
             self._errors.add((*key, name), f"is not known{meant}; {known}")
 
     def _value(self, kind: Any, metadata: Mapping, data: Any, key: Key) -> Any:
@@ -219,7 +220,8 @@ class Reader:
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
         unit = metadata["unit"]
         if not _in_range(number, metadata):
-            meant = likely(data, unit, lambda one: _in_range(one, metadata))
+            is_share = metadata["maximum"] is not None and metadata["maximum"] <= 1.0
+            meant = likely(data, unit, lambda one: _in_range(one, metadata)) if unit or is_share else ""
             return self._fail(key, data, f"must be {allowed_range(metadata)}{meant}{_meaning(metadata)}")
         if self._written and looks_like_degrees(data, unit):
             self._errors.add(key, f"is {describe(data)} without a unit, which would be {math.degrees(number):.4g} deg, "

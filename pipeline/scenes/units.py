@@ -64,8 +64,8 @@ def parse_quantity(value: object, unit: str = "") -> float:
     if isinstance(value, str):
         signs = value[:_LONGEST].translate(_SIGNS)
         if _SMALL_DIGIT.search(signs) or _POWER.match(signs):
-            raise ValueError(f'"{printable(value)}" with a power, but must be {_wanted(unit)}, with powers of ten as in '
-                             f"1e-3{_without_power(value)}")
+            raise ValueError(f'"{printable(value)}" with a power, but must be {_wanted(unit)}, with powers of ten as '
+                             f"in 1e-3{_without_power(value)}")
         match = len(value) <= _LONGEST and _NUMBER.fullmatch(_plain(value))
         if not match:
             raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')

@@ -21,8 +21,8 @@ MOST_DIGITS = 300  # of a whole number; a longer one is beyond the range of floa
 FULL_WIDTH = dict(zip("：｛｝［］，", ":{}[],", strict=True))
 # What the reader of YAML says, and what it means for who has written a scene.
 IN_WORDS = ((r"'\\t' that cannot start", "a tab, but lines are indented by blanks, and words parted by them"),
-            (r"character '.' that cannot start|expected alphabetic or numeric", "text that begins with a sign such as @, "
-             "% or * must be in quotes"),
+            (r"character '.' that cannot start|expected alphabetic or numeric",
+             "text that begins with a sign such as @, % or * must be in quotes"),
             (r"mapping values are not allowed", "a colon where none can be: text with a colon must be in quotes, a key "
              "begins a line of its own, and keys of one mapping are indented alike"),
             (r"unexpected end of stream", "the quotes of a text are not closed"),

@@ -29,8 +29,9 @@ def refuse_impossible(flow: Workflow, cores: int | None, rules: Iterable[Any], a
     if any(one.split("=")[0] == REPORT for one in arguments) and not names & {*arguments} and not _files(arguments):
         missing = [file for file in flow.wanted(flow.names) if not Path(file).exists()]
         if missing:
-            stop(f"{REPORT}: {missing[0]} is not made yet{f', and {len(missing) - 1} more' if missing[1:] else ''}: run "
-                 "snakemake -j2 all before, or name the scene that was run")
+            more = f", and {len(missing) - 1} more" if missing[1:] else ""
+            stop(f"{REPORT}: {missing[0]} is not made yet{more}: run snakemake -j2 all before, or name the scene that "
+                 "was run")
 
 
 def _files(arguments: Sequence[str]) -> list[str]:

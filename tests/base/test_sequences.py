@@ -1,5 +1,6 @@
 """Frames, surfaces and pictures that were deleted or added in the middle of a run are told by what reads them."""
 import shutil
+from unittest import mock
 
 import pytest
 from conftest import ROOT
@@ -123,17 +124,19 @@ def test_whole_and_longer_runs_are_read(run):
 
 
 OTHER_FRAMES = {  # how a stage reads the frames of a folder
-    "metrics": lambda scene, run, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
-    "rest": lambda scene, run, folder: course_of_coverage(scene, {}, find_frames(folder)),
-    "render": lambda scene, run, folder: render_frames(scene, 5e-6, None, folder, run / "surfaces/segment_001",
-                                                       run / "new"),
+    "metrics": lambda scene, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
+    "rest": lambda scene, folder: course_of_coverage(scene, {}, find_frames(folder)),
 }
 
 
 @pytest.mark.parametrize("stage", OTHER_FRAMES)
-def test_a_frame_under_the_name_of_another_is_told(run, stage):
+def test_a_frame_under_the_name_of_another_is_told(run, stage, monkeypatch):
     """As after a copy: it is whole, and its checksum fits, but a course over time would stand still or go back."""
     folder = run / "frames/segment_001"
-    shutil.copy(folder / "frame_00004.vtu", folder / "frame_00003.vtu")
-    with pytest.raises(UserError, match=r"frame_00003\.vtu: is the frame of 0\.2 s, but by its name that of 0\.15 s"):
-        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), run, folder)
+    shutil.copy(folder / "frame_00003.vtu", folder / "frame_00004.vtu")
+    monkeypatch.setattr("pipeline.metrics.metrics_of", lambda scene: ())
+    monkeypatch.setattr("pipeline.measures.rest.row_of_coverage", lambda state: {})
+    for module in ("metrics", "measures.rest"):
+        monkeypatch.setattr(f"pipeline.{module}.Measured", mock.MagicMock())
+    with pytest.raises(UserError, match=r"frame_00004\.vtu: is the frame of 0\.15 s, but the one before it is"):
+        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), folder)
