@@ -212,8 +212,8 @@ def read_frame(path: str | os.PathLike, after: float = -math.inf) -> FrameData:
         reason = " ".join(str(error).split())
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
     if frame.time <= after:
-        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {after:.6g} s, as "
-                        f"after a copy under another name; remove its folder and {FRAMES_AGAIN}")
+        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {after:.6g} s, "
+                        f"as after a copy under another name; remove its folder and {FRAMES_AGAIN}")
     return frame
 
 
