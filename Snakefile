@@ -27,6 +27,7 @@ from pipeline.workflow.interrupt import Interrupt
 from pipeline.workflow.scenes import Workflow, room_texts, scene_names
 from pipeline.workflow.shell import PREFIX
 from pipeline.workflow.studies import Studies
+from pipeline.workflow.targets import refuse_impossible
 from studies.results.workflow import Results
 
 
@@ -137,3 +138,6 @@ for name in scene_names():
                 flow.wanted([name]),
             message:
                 "all done: {input}"
+
+
+refuse_impossible(flow, workflow.resource_settings.cores, workflow.rules, sys.argv[1:])

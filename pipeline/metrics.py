@@ -246,8 +246,11 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path],
     table: dict[str, list[float]] = {}
     films = FilmCourse.of(scene, float(initial["cavity_volume"]))
     with progress(len(paths), f"{scene.name}: metrics") as bar:
+        before = -np.inf
         for path in paths:
-            state = Measured(scene, initial, read_frame(path), places).after(films)
+            frame = read_frame(path, before)
+            before = frame.time
+            state = Measured(scene, initial, frame, places).after(films)
             row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):
                 row |= one.columns(state)

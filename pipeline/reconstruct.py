@@ -164,8 +164,11 @@ def main(arguments: list[str] | None = None) -> None:
             wall.follow(read_frame(path))
     label = f"{scene.name}: reconstruct {options.frames.name}"
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
+        before = -np.inf
         for path in paths:
-            write_surfaces(folder, path, read_frame(path), reconstructor, options.format or scene.output.formats, wall)
+            frame = read_frame(path, before)
+            before = frame.time
+            write_surfaces(folder, path, frame, reconstructor, options.format or scene.output.formats, wall)
             frame_done()
             bar.update()
 

@@ -287,8 +287,10 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
         Renderer(scene, cavity_volume, eye_surface)
     try:
         with replacing_folder(output) as folder, progress(len(paths), label) as bar:
+            before = -np.inf
             for path in paths:
-                frame = read_frame(path)
+                frame = read_frame(path, before)
+                before = frame.time
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
                 meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:

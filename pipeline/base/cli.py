@@ -1,6 +1,7 @@
 """How every stage ends: with its result, or with one sentence per error and an exit code."""
 import argparse
 import errno
+import os
 import signal
 import sys
 import tempfile
@@ -47,6 +48,8 @@ def run(main: Callable[[], int | None]) -> NoReturn:
         if signal.getsignal(signal.SIGINT) is end_at_once:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         stand_in_for_home()
+        if sys.stdout is None:  # closed by the caller, who wants no words
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 until the end of the process
         code = main() or 0
         sys.stdout.flush()
         if code == 0:

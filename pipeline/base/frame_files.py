@@ -7,6 +7,7 @@ and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is store
 ``bytes(mesh.field_data["liquids"]).decode()`` (``pipeline.base.vtk_files``).
 """
 import dataclasses
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -182,12 +183,16 @@ def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids:
     return array
 
 
-def read_frame(path: str | os.PathLike) -> FrameData:
+def read_frame(path: str | os.PathLike, after: float = -math.inf) -> FrameData:
     """Read a frame written by :func:`write_frame`.
+
+    Parameters
+    ----------
+    after : time of the frame before it in a run, s.
 
     Raises
     ------
-    UserError : the file is missing, or no frame of this pipeline.
+    UserError : the file is missing, no frame of this pipeline, or another frame than its name says.
     DamagedFile : its checksum does not fit.
     """
     from pipeline.base.vtk_files import read_raw
@@ -202,10 +207,14 @@ def read_frame(path: str | os.PathLike) -> FrameData:
         missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
         if missing:
             raise ValueError(f"without {', '.join(sorted(missing))}")
-        return _from_arrays(points, fields, coordinates)
+        frame = _from_arrays(points, fields, coordinates)
     except (ValueError, IndexError, KeyError, TypeError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
+    if frame.time <= after:
+        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {after:.6g} s, "
+                        f"as after a copy under another name; remove its folder and {FRAMES_AGAIN}")
+    return frame
 
 
 def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:

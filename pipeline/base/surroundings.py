@@ -16,7 +16,11 @@ UNTOLD = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, Resource
 
 
 def shut_out_foreign_settings() -> None:
-    """Forget settings for other programs, and let packages in PYTHONPATH take the place of no installed ones."""
+    """Forget settings for other programs, and let packages in PYTHONPATH take the place of no installed ones.
+
+    Where no home is named, it is that of the account: the library of kernels ends the process without one.
+    """
+    os.environ.setdefault("HOME", str(Path("~").expanduser()))
     for name in FOREIGN:
         os.environ.pop(name, None)
     if os.environ.pop(WARNINGS, ""):

@@ -4,6 +4,14 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 LONGEST = 80  # of a text in a message
+# What else names in files and commands are called: in the clinic, in other languages, in other programs.
+ALSO = {"upright": "sitting seated standing sit erect aufrecht sitzend debout assis",
+        "supine": "face_up on_back on_the_back lying liegend rückenlage decubitus_supino",
+        "prone": "face_down facedown on_belly bauchlage ventral", "left_side": "left links gauche linksseitig",
+        "right_side": "right rechts droite rechtsseitig", "right": "od r rechts droite", "left": "os l links gauche",
+        "pseudophakic": "iol artificial", "cuda": "gpu nvidia", "um": "µm μm micron microns micrometer micrometre",
+        "mm": "millimeter millimetre millimeters", "in": "inch inches zoll", "air": "gas luft sf6 c3f8 c2f6",
+        "aqueous": "wasser kammerwasser bss saline humor", "silicone_oil_1000": "oil silicone_oil silikonöl öl"}
 NO_ADVICE = "This is an illustration of physics, not for decisions on a patient."
 
 
@@ -44,7 +52,12 @@ def nearest(word: Any, names: Iterable[str]) -> str:
     >>> nearest("viscosty", ["gravity", "viscosity"])
     ' (did you mean viscosity?)'
     """
+    names = list(names)
     word = printable(str(word)).lower()
+    plain = word.replace(" ", "_").replace("-", "_")
+    for name in names:
+        if plain == name.lower() or plain in ALSO.get(name, "").split():
+            return f" (did you mean {name}?)"
     matches = difflib.get_close_matches(word, names, n=5)
     # Names of liquids differ by a digit: among the near ones take that with most letters in the same place.
     best = max(matches, key=lambda name: sum(map(str.__eq__, word, name)), default=None)

@@ -14,7 +14,7 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.cavity.eye_files import detached
-from pipeline.cavity.mesh_files import MeshFile, cannot_be_read, refuse_others
+from pipeline.cavity.mesh_files import GZIP, MeshFile, cannot_be_read, refuse_others
 from pipeline.cavity.voxel_steps import smoothed
 from pipeline.scenes.eye_shape import LARGEST_VOLUME, SMALLEST_VOLUME
 from pipeline.scenes.model import MESH_UNITS
@@ -135,8 +135,12 @@ def read_image(path: Path) -> LabelImage:
         raise UserError(f"{path} (eye.path): no such file")
     packed = path.name.lower().endswith(".gz")
     with path.open("rb") as file:
-        refuse_others(path, file.read(4096), packed)
+        head = file.read(4096)
     nifti = path.name.lower().endswith((".nii", ".nii.gz"))
+    if nifti and head and packed != head.startswith(GZIP):
+        raise UserError(f"{path} (eye.path): is {'not ' * packed}compressed by gzip: give it the ending "
+                        f"{'.nii' if packed else '.nii.gz'}")
+    refuse_others(path, head, packed)
     try:
         return _read_nifti(path) if nifti else _read_nrrd(path)
     except (MemoryError, UserError):
@@ -149,23 +153,43 @@ def read_image(path: Path) -> LabelImage:
 def _read_nifti(path: Path) -> LabelImage:
     import nibabel
 
-    image: Any = nibabel.load(path)  # of the class that the content has
+    with nibabel.imageglobals.LoggingOutputSuppressor():  # what it mends is looked at below
+        image: Any = nibabel.load(path)  # of the class that the content has
     head = image.header
     if image.get_data_dtype().fields:
         raise UserError(f"{path} (eye.path): is a color image, but an image of labels is needed")
     shape = _refuse_shape(path, image.shape)
     codes = int(head["sform_code"]), int(head["qform_code"])
     code, notes = codes[0] or codes[1], []
+    sizes, placed = _raw_sizes(path, type(head)), np.linalg.norm(image.affine[:3, :3], axis=0)
+    if not codes[0] and not (np.isfinite(sizes) & (sizes != 0.0)).all():
+        raise UserError(f"{path} (eye.path): its head gives voxels without a size or a place, export it again")
     if not code:
-        notes.append("its head does not tell how it lies (sform_code and qform_code are 0)")
+        notes.append("its head does not tell how it lies (sform_code and qform_code are 0), so that left and right may "
+                     "be exchanged")
     elif code in (3, 4):
         notes.append(f"it was laid on a template ({'Talairach' if code == 3 else 'MNI'}), so that its size may not be "
                      "the patient's")
     if all(codes) and not np.allclose(image.get_sform(), image.get_qform(), atol=0.1):
         notes.append("sform and qform in its head differ; sform was taken")
+    elif not np.allclose(np.abs(sizes), placed, rtol=0.01):
+        notes.append(f"its head gives voxels of {_by(np.abs(sizes))} (pixdim) and of {_by(placed)} ("
+                     f"{'sform' if codes[0] else 'qform'}); the latter were taken")
     unit = NIFTI_UNITS.get(head.get_xyzt_units()[0], "")
     return LabelImage(_whole(path, np.asanyarray(image.dataobj).reshape(shape)), _sound(path, image.affine),
                       "RAS" if code else "", unit, {}, tuple(notes))
+
+
+def _raw_sizes(path: Path, head: Any) -> np.ndarray:
+    """Sides of a voxel (3,) as the head of a NIfTI gives them, which its reader mends where they are 0 or negative."""
+    import nibabel
+
+    with nibabel.openers.ImageOpener(str(path)) as file:
+        return np.array(head.from_fileobj(file, check=False)["pixdim"][1:4], float)
+
+
+def _by(sizes: np.ndarray) -> str:
+    return " x ".join(f"{one:.3g}" for one in sizes)
 
 
 def _read_nrrd(path: Path) -> LabelImage:
@@ -177,9 +201,15 @@ def _read_nrrd(path: Path) -> LabelImage:
     head = nrrd.read_header(str(path))
     shape, count = _refuse_shape(path, tuple(int(size) for size in head["sizes"])), int(head["dimension"])
     directions = head.get("space directions")
+    directions_given = directions is not None
     if directions is None:
-        directions = np.diag(np.nan_to_num(np.asarray(head.get("spacings", np.full(count, np.nan)), float), nan=1.0))
-        notes: tuple[str, ...] = ("its head does not tell how it lies (it has no space directions)",)
+        spacings = np.asarray(head.get("spacings", np.full(count, np.nan)), float)
+        if not np.isfinite(spacings[np.asarray(head["sizes"]) > 1]).all():
+            raise UserError(f"{path} (eye.path): its head gives voxels without a size (it has neither space directions "
+                            "nor spacings of all axes), export it again")
+        directions = np.diag(np.nan_to_num(spacings, nan=1.0))
+        notes: tuple[str, ...] = ("its head does not tell how it lies (it has no space directions), so that left and "
+                                  "right may be exchanged",)
     else:
         directions, notes = np.array([np.full(3, np.nan) if one is None else one for one in directions], float), ()
     kept = [k for k in range(count) if np.isfinite(directions[k]).all()] if directions.shape[1] == 3 else range(count)
@@ -191,8 +221,9 @@ def _read_nrrd(path: Path) -> LabelImage:
     affine[:3, 3] = np.nan_to_num(np.asarray(head.get("space origin", np.zeros(3)), float))[:3]
     named = str(head.get("space", "")).lower().removesuffix("-time")
     space = NRRD_SPACES.get(named, named.upper() if named.upper() in NRRD_SPACES.values() else "")
-    if named and not space:
-        notes = (f'its head does not tell how the patient lies (its space is "{named}")',)
+    if directions_given and not space:
+        notes = ("its head does not tell how the patient lies (" + (f'its space is "{named}"' if named else
+                 "it names no space") + "), so that left and right may be exchanged",)
     if space == "LAS":
         affine, space = np.diag([-1.0, 1.0, 1.0, 1.0]) @ affine, "RAS"
     units = {str(one).strip('" ').lower() for one in np.atleast_1d(head.get("space units", head.get("units", ())))}

@@ -21,7 +21,7 @@ import trimesh
 
 from pipeline.base.errors import UserError
 from pipeline.cavity import large_stl, vtk_reader
-from pipeline.cavity.vtk_reader import outer_surface
+from pipeline.cavity.vtk_reader import bodies_in, outer_surface
 from pipeline.scenes.model import IMAGES
 
 FORMATS = (".obj", ".ply", ".stl", ".vtk", ".vtp", ".vtu", ".msh")
@@ -30,6 +30,12 @@ TRAILING = 10_000               # bytes behind the last triangle of an STL that 
 GZIP = b"\x1f\x8b"
 # Axes of the file that segmentation programs name in its head, as rows: to the patient's left, superior, anterior.
 SPACES = {"LPS": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "RAS": ((-1, 0, 0), (0, 0, 1), (0, 1, 0))}
+PACKED = (".gz", ".bz2", ".xz", ".zst", ".zip", ".7z", ".rar")
+# How the formats begin, and the endings of their files.
+BEGINNINGS = ((rb"ply\s*[\r\n]", ".ply"), (rb"# vtk DataFile", ".vtk"),
+              (rb"(<\?xml[^>]*>\s*)?<VTKFile[^>]*PolyData", ".vtp"),
+              (rb"(<\?xml[^>]*>\s*)?<VTKFile[^>]*UnstructuredGrid", ".vtu"), (rb"\$MeshFormat", ".msh"),
+              (rb"NRRD000\d", ".nrrd"), (rb"solid\b[^\0]*?\bfacet\s+normal", ".stl"))
 # What begins with these bytes is no mesh, whatever its name says: what it is, and what helps.
 OTHERS = ((b"version https://git-lfs", "is a pointer of Git LFS in place of the file: run git lfs pull"),
           (b"/annex/objects/", "is a pointer of git-annex in place of the file: run git annex get"),
@@ -76,14 +82,20 @@ def read_mesh_file(path: Path) -> MeshFile:
     UserError : the file is missing, of another kind than its name says, or cannot be read.
     """
     suffix = path.suffix.lower()
+    if suffix in PACKED:
+        raise UserError(f'{path} (eye.path): is compressed ("{suffix}"): unpack it, and name the mesh in it')
     if suffix not in FORMATS:
         raise UserError(f'{path} (eye.path): the format "{suffix}" is not known, use one of '
                         f'{", ".join((*FORMATS, *IMAGES))}')
     if not path.is_file():
-        raise UserError(f"{path} (eye.path): no such file")
+        raise UserError(f"{path} (eye.path): {'is a folder: name the mesh in it' if path.is_dir() else 'no such file'}")
     with path.open("rb") as file:
         head = file.read(HEAD)
     refuse_others(path, head)
+    begins = next((ending for start, ending in BEGINNINGS if re.match(start, head.lstrip(), re.IGNORECASE)), suffix)
+    if begins != suffix:
+        raise UserError(f"{path} (eye.path): is a file of another format than its name says: give it the ending "
+                        f"{begins}")
     named = re.search(rb"\bSPACE\s*[=:]\s*(LPS|RAS)\b", head, re.IGNORECASE)
     try:
         found = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply, ".msh": _read_gmsh}.get(
@@ -147,9 +159,7 @@ def _read_stl(path: Path) -> MeshFile:
         if b"endsolid" not in data[-1024:].lower():
             raise UserError(f"{path} (eye.path): is cut short (a text STL ends with the word endsolid), export or copy "
                             "it again")
-        words = [word for corner in re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)", _text(data), re.IGNORECASE)
-                 for word in corner]
-        return MeshFile(*_joined(_numbers(words).reshape(-1, 3, 3)))
+        return MeshFile(*_joined(_facets(_text(data))))
     if re.fullmatch(rb"[\t\r\n -~]*", data[:HEAD]):
         raise UserError(f"{path} (eye.path): is a text file, but no STL: export the surface as STL, or give the "
                         "file the ending of its format")
@@ -160,6 +170,9 @@ def _read_stl(path: Path) -> MeshFile:
     announced = int.from_bytes(data[80:large_stl.HEAD], "little")
     there, rest = divmod(size - large_stl.HEAD, kind.itemsize)
     notes: tuple[str, ...] = ()
+    if announced > there and not rest and int.from_bytes(data[80:large_stl.HEAD], "big") == there:
+        announced, kind = there, kind.newbyteorder(">")
+        notes = ("its numbers have their bytes in the order of other computers (big-endian), and were read so",)
     if not announced and there and not rest:
         announced, notes = there, (f"its head gives no number of triangles; all {there} were read",)
     if announced > there:
@@ -172,6 +185,21 @@ def _read_stl(path: Path) -> MeshFile:
         notes = (f"{beyond} bytes behind the last triangle were left out",)
     corners = np.frombuffer(data, kind, announced, large_stl.HEAD)["corners"]
     return MeshFile(*_joined(corners.astype(float)), notes)
+
+
+def _facets(text: str) -> np.ndarray:
+    """Triangles (m, 3, 3) of a text STL, whose facets may have more corners than the three that the format has."""
+    found = re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)|(endloop)", text, re.IGNORECASE)
+    corners = _numbers([word for *corner, end in found if not end for word in corner]).reshape(-1, 3)
+    ends = np.flatnonzero([bool(end) for *_, end in found])
+    sizes = np.diff(ends, prepend=-1) - 1
+    if sizes.sum() != len(corners) or sizes.min(initial=3) < 3:
+        raise ValueError("a facet does not have the three corners and the word endloop: it may be cut short")
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3, 3)
+    begins = np.cumsum(sizes) - sizes
+    return np.array([corners[[begin, begin + one, begin + one + 1]] for begin, size in zip(begins, sizes, strict=True)
+                     for one in range(1, size - 1)])
 
 
 def _is_text(head: bytes) -> bool:
@@ -192,11 +220,9 @@ def _joined(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_obj(path: Path) -> MeshFile:
     """Triangles of an OBJ; faces may stand before the vertices, have more corners, and count from the end."""
-    text = re.sub(r"\\\r?\n", " ", _text(path.read_bytes()))  # a line that goes on in the next one
     vertices: list[str] = []
     faces: list[list[int]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        key, *words = line.split("#", 1)[0].split() or [""]
+    for number, (key, *words) in _obj_lines(_text(path.read_bytes())):
         if key in ("v", "V"):
             if len(words) < 3:
                 raise ValueError(f"line {number} has a vertex of {len(words)} coordinates: it may be cut short")
@@ -211,14 +237,41 @@ def _read_obj(path: Path) -> MeshFile:
     return MeshFile(_numbers(vertices).reshape(-1, 3), np.array(faces, int).reshape(-1, 3))
 
 
+def _obj_lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Number and words of the lines of an OBJ without comments; a vertex or a face may go on in the next line."""
+    begun: list[str] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.split("#", 1)[0].rstrip()
+        words = [*begun, *line.removesuffix("\\").split()]
+        begun = words if line.endswith("\\") and words and words[0] in ("v", "V", "f", "F") else []
+        if words and not begun:
+            yield number, words
+    if begun:
+        raise ValueError("its last line is to go on in the next one, which is not there: it is cut short")
+
+
 def _read_ply(path: Path) -> MeshFile:
     """Triangles of a PLY, also where it holds strips of them."""
     data = path.read_bytes()
-    if re.match(rb"ply\s+format\s+ascii", data):
+    text = re.search(rb"^format\s+ascii", data[:HEAD], re.MULTILINE)
+    if text:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        head, end, body = data.partition(b"end_header")
-        data = head + end + (body.replace(b",", b".") if b"," in body else body)
-    mesh = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
+    head, end, body = data.partition(b"end_header")
+    # The reader looks for the format in the second line, where others have a comment.
+    head = re.sub(rb"\A(\s*ply)((?:\s*^(?:comment|obj_info)[^\n]*)+)(\s*^format[^\n]*)", rb"\1\3\2", head,
+                  flags=re.MULTILINE)
+    if text:
+        announced = sum(map(int, re.findall(rb"^element\s+\S+\s+(\d+)", head, re.MULTILINE)))
+        if (there := len(re.findall(rb"^.*\S", body, re.MULTILINE))) < announced:
+            raise UserError(f"{path} (eye.path): is cut short (its head announces {announced} lines and {there} are "
+                            "there), export or copy it again")
+        body = body.replace(b",", b".") if b"," in body else body
+    try:
+        mesh = trimesh.load(io.BytesIO(head + end + body), file_type="ply", process=False)
+    except ValueError as error:  # faces of different numbers of corners, or bytes behind the last one
+        if text or "length" not in str(error):
+            raise
+        return _read_by_vtk(path)
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(getattr(mesh, "faces", ()), int).reshape(-1, 3)
     raw = mesh.metadata.get("_ply_raw", {})
     if "tristrips" in raw:
@@ -243,8 +296,9 @@ def _of_strips(data) -> np.ndarray:
 
 def _read_gmsh(path: Path) -> MeshFile:
     with _silent_reader():
-        surface = outer_surface(pyvista.from_meshio(meshio.gmsh.read(path)))
-    return MeshFile(np.asarray(surface.points, float), np.asarray(surface.regular_faces, int))
+        data = pyvista.from_meshio(meshio.gmsh.read(path))
+        surface = outer_surface(data)
+    return MeshFile(np.asarray(surface.points, float), np.asarray(surface.regular_faces, int), bodies_in(data))
 
 
 def _read_by_vtk(path: Path) -> MeshFile:
@@ -253,9 +307,10 @@ def _read_by_vtk(path: Path) -> MeshFile:
     # -P: no file beside the reader takes the place of a library
     if done.returncode:
         reason = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(reason[-1] if reason and done.returncode > 0 else "it crashes the reader of VTK")
+        raise ValueError(reason[-1] if reason and done.returncode > 0 else
+                         "it is cut short, damaged or of another format")
     with np.load(io.BytesIO(done.stdout)) as found:
-        return MeshFile(found["vertices"], found["faces"])
+        return MeshFile(found["vertices"], found["faces"], tuple(found["notes"].tolist()), str(found["space"]))
 
 
 @contextlib.contextmanager

@@ -28,6 +28,7 @@ LARGEST_OFFSET = 0.5e-3         # from which it is told that the center of the g
 FARTHEST = 1.7                  # of the globe's radius: farther points are a spike, a staphyloma of 6 mm reaches 1.55
 SELF_CROSSING = 0.02            # disagreement of two kinds of volume that shows a surface crossing itself
 MOST_TRIANGLES = 200_000        # of an eye they are 0.14 mm wide, finer than any spacing that a computer can afford
+LARGEST_GAP = 0.15e-3           # between flat triangles and the round wall, m: there a ball lacks 3 % of its volume
 LEAST_SPHERICITY = 0.88         # eyes of all lens states and lengths have 0.93 to 0.99, a cylinder 0.87, a cube 0.81
 
 
@@ -128,6 +129,9 @@ def unlike_an_eye(mesh: trimesh.Trimesh, name: str, center: np.ndarray) -> list[
     if sphericity < LEAST_SPHERICITY:
         found.append(f"{name} (eye.path): the surface has a sphericity of {sphericity:.2f}, but the cavity of an eye "
                      f"has more than 0.93 (a cube has 0.81)")
+    if (gap := typical_gap(mesh)) > LARGEST_GAP:
+        found.append(f"{name} (eye.path): the surface has {len(mesh.faces)} triangles only, whose middles lie "
+                     f"{1e3 * gap:.2g} mm beside a round wall, so that its volume is too small: export it finer")
     distance, areas = np.linalg.norm(mesh.vertices - center, axis=1), vertex_areas(mesh)
     order = np.argsort(distance)
     radius = float(distance[order][np.searchsorted(areas[order].cumsum(), 0.5 * areas.sum())])  # half of the area is in
@@ -137,6 +141,19 @@ def unlike_an_eye(mesh: trimesh.Trimesh, name: str, center: np.ndarray) -> list[
                      f"{1e3 * distance.max():.1f} mm from the center of the globe, whose radius is {1e3 * radius:.1f} "
                      "mm; remove it if it is a defect")
     return found
+
+
+def typical_gap(mesh: trimesh.Trimesh) -> float:
+    """Distance, m, from the middles of triangles to the round surface through their corners, at half of the edges.
+
+    Middles a distance d apart, whose normals differ by an angle, lie on a surface of radius d / angle.
+    """
+    pairs = mesh.face_adjacency
+    apart = np.linalg.norm(mesh.triangles_center[pairs[:, 0]] - mesh.triangles_center[pairs[:, 1]], axis=1)
+    gaps = 0.5 * apart * mesh.face_adjacency_angles
+    edges = mesh.vertices[mesh.face_adjacency_edges]
+    order, lengths = np.argsort(gaps), np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    return float(gaps[order][np.searchsorted(lengths[order].cumsum(), 0.5 * lengths.sum())])
 
 
 def refuse_bodies(mesh: trimesh.Trimesh, name: str) -> None:

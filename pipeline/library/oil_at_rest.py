@@ -124,6 +124,9 @@ def oil_at_rest(oil: str = "silicone_oil_1000", fill: str | float = 0.85, postur
     for what, name, known in (("oil", oil, materials), ("posture", posture, postures())):
         if name not in known:
             raise UserError(f'{what} is "{name}", but must be one of {", ".join(known)}{nearest(name, known)}')
+    if oil == settings.other_liquid:
+        raise UserError(f'oil is "{oil}", but must be another liquid than the one that it leaves room for, '
+                        f"{settings.other_liquid}")
     shape = read_eye(eye or {})
     liquids = Liquids(materials[settings.other_liquid].density - materials[oil].density, given.tension,
                       given.contact_angle)

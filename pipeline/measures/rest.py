@@ -91,8 +91,11 @@ def course_of_coverage(scene: Scene, initial: dict[str, np.ndarray], paths: Sequ
     """
     frames = round(REST_WINDOW / scene.output.frame_interval) + 1
     table: dict[str, list[float]] = {}
+    before = -np.inf
     for path in [*paths[:1], *paths[1:][-frames:]]:
-        for column, number in row_of_coverage(Measured(scene, initial, read_frame(path))).items():
+        frame = read_frame(path, before)
+        before = frame.time
+        for column, number in row_of_coverage(Measured(scene, initial, frame)).items():
             table.setdefault(column, []).append(number)
     return {column: np.array(numbers, float) for column, numbers in table.items()}
 

@@ -47,6 +47,8 @@ from sim.settings import Numerics
 
 Found = Iterator[tuple[Key, str]]
 
+OF_WATER = {"aqueous": 0.7, "water": 0.8}  # mPa s
+UNLIKE_ITS_NAME = 3.0  # factor between the viscosity of a liquid and the one that its name says
 MOST_PLACES = 100  # each has several columns and lines in plots
 MOST_SEGMENTS = 1000  # each has several jobs, which are planned in every call
 LONGEST_NAME = 100
@@ -82,7 +84,8 @@ def doubts(scene: Scene) -> list[tuple[Key, str]]:
     It is no error: it can be simulated, and somebody may want it.
     """
     parts = vars(scene) | {"oil": scene.liquids[oil_of(scene)].name, "down": down_at_start(scene)}
-    found = list(_oils_float_and_heavy_ones_sink(scene.liquids))
+    found = [*_oils_float_and_heavy_ones_sink(scene.liquids), *_liquids_flow_as_their_names_say(scene.liquids),
+             *_regions_have_limits(scene.regions)]
     for name, parameters in scene.effects.items():
         for function in REGISTRY[name].doubts:
             found += _asked(function, {**parts, "parameters": parameters})
@@ -102,6 +105,26 @@ def _oils_float_and_heavy_ones_sink(liquids: tuple[Material, ...]) -> Found:
                            "heavy oils have 1020 to 1060 kg/m3 and sink; name a silicone oil if a light one is meant"
                            if heavy else "silicone oils have 960 to 980 kg/m3 and float; name heavy_oil_densiron_68 "
                                          "if a heavy one is meant"))
+
+
+def _liquids_flow_as_their_names_say(liquids: tuple[Material, ...]) -> Found:
+    """The number in the name of a silicone oil is its viscosity in cSt, which is about that in mPa s."""
+    for one in liquids:
+        named = re.fullmatch(r"silicone_oil_([1-9]\d*)(_.*)?", one.name)
+        usual = float(named[1]) if named else OF_WATER.get(one.name, 1e3 * one.dynamic_viscosity)
+        if usual and not usual / UNLIKE_ITS_NAME <= 1e3 * one.dynamic_viscosity <= usual * UNLIKE_ITS_NAME:
+            yield (("liquids", one.name, "dynamic_viscosity"),
+                   f"is {1e3 * one.dynamic_viscosity:g} mPa s, but {one.name} has about {usual:g} mPa s (did you mean "
+                   f"{usual:g} mPa s?)")
+
+
+def _regions_have_limits(regions: tuple[Region, ...]) -> Found:
+    whole = Region("")
+    for index, region in enumerate(regions):
+        if dataclasses.replace(region, name="") == whole and not re.search(r"retina|whole|all", region.name.lower()):
+            yield (("regions", index),
+                   f'has a name, "{region.name}", and no limits, so that it is the whole retina: give its latitudes, '
+                   "such as [0 deg, 15 deg] for the macula, its hours or its part")
 
 
 def _asked(function: Callable[..., Any], parts: Mapping[str, Any]) -> Found:

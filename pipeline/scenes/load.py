@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import json
 import re
+import typing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,22 @@ def project_materials() -> dict[str, Material]:
     return load_materials(PROJECT_CONFIG / "materials.yaml")
 
 
+@functools.cache
+def _places() -> dict[str, list[str]]:
+    """Return where every key of a scene stands, by its name, for keys that are written at another level."""
+    found: dict[str, list[str]] = {"accuracy": ["--config accuracy=standard at the command line"]}
+    found["level"] = found["accuracy"]
+    rooms = {field.name: next((one for one in (field.type, *typing.get_args(field.type))
+                               if dataclasses.is_dataclass(one)), None) for field in dataclasses.fields(Scene)}
+    rooms |= {"numerics": Numerics} | {f"effects.{name}": effect.Parameters for name, effect in REGISTRY.items()}
+    for room, kind in rooms.items():
+        if "." in room:
+            found.setdefault(room.split(".")[1], []).append(room)
+        for field in dataclasses.fields(kind) if kind is not None else ():
+            found.setdefault(field.name, []).append(f"{room}.{field.name}")
+    return found
+
+
 class _Resolver:
     """Resolves the scenes of one configuration at one accuracy level."""
 
@@ -149,7 +166,7 @@ class _Resolver:
         liquids = data.get("liquids")
         # With an unknown liquid the references to the right name would look wrong too.
         known = isinstance(liquids, dict) and liquids.keys() <= self.materials.keys()
-        reader = Reader(errors, liquids if known else (), find)
+        reader = Reader(errors, liquids if known else (), find, places=_places())
         reader.refuse_unknown(data, SCENE_KEYS, ())
         parts: dict[str, Any] = {"name": name, "accuracy": self.accuracy}
         if liquids is not None:

@@ -20,8 +20,10 @@ Key = tuple[str | int, ...]
 Find = Callable[[str, Key], Path | None]
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number in SI units: its powers stay numbers
 _LONG = 0.1  # m, from which a length without a unit may be meant in mm
+MOST_PLACES = 3  # of a key that are told
 MOST_MESSAGES = 20  # that are shown of one file
 UNWRITABLE = ("Cc", "Cs")  # kinds of characters: controls, and halves of a pair (surrogates)
+_SWITCHES = {"true": ("yes", "on", "1", "ja", "oui"), "false": ("no", "off", "0", "nein", "non")}
 FAILED = object()  # stands for a value that could not be read; its error is collected
 
 
@@ -96,10 +98,13 @@ class Reader:
     find : returns the file that a parameter names in place of its values, or collects an error; none can be named
         without it.
     written : whether people have written the values: what looks like another unit is asked back.
+    places : where keys stand, by their names, for those that are written elsewhere.
     """
 
-    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None, written: bool = True):
+    def __init__(self, errors: Errors, liquids: Iterable[str] = (), find: Find | None = None, written: bool = True,
+                 places: Mapping[str, list[str]] | None = None):
         self._errors = errors
+        self._places = places or {}
         self._written = written
         self._find = find
         self._liquids = tuple(liquids) or None
@@ -142,7 +147,10 @@ class Reader:
         names = list(names)
         for name in [name for name in data if name not in names]:
             known = f"known here are {', '.join(names)}" if names else "nothing can be set here"
-            self._errors.add((*key, name), f"is not known{nearest(name, names)}; {known}")
+            places = self._places.get(str(name), []) if len(key) < 2 else []
+            meant = f" (did you mean {' or '.join(places)}?)" if 0 < len(places) <= MOST_PLACES else \
+                nearest(name, names)
+            self._errors.add((*key, name), f"is not known{meant}; {known}")
 
     def _value(self, kind: Any, metadata: Mapping, data: Any, key: Key) -> Any:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
@@ -212,7 +220,8 @@ class Reader:
             return self._fail(key, data, f"must be a whole number{_meaning(metadata)}")
         unit = metadata["unit"]
         if not _in_range(number, metadata):
-            meant = likely(data, unit, lambda one: _in_range(one, metadata))
+            is_share = metadata["maximum"] is not None and metadata["maximum"] <= 1.0
+            meant = likely(data, unit, lambda one: _in_range(one, metadata)) if unit or is_share else ""
             return self._fail(key, data, f"must be {allowed_range(metadata)}{meant}{_meaning(metadata)}")
         if self._written and looks_like_degrees(data, unit):
             self._errors.add(key, f"is {describe(data)} without a unit, which would be {math.degrees(number):.4g} deg, "
@@ -225,7 +234,10 @@ class Reader:
         return kind(number)
 
     def _bool(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
-        return data if isinstance(data, bool) else self._fail(key, data, f"must be true or false{_meaning(metadata)}")
+        meant = next((f" (did you mean {word}?)" for word, others in _SWITCHES.items()
+                      if str(data).lower() in (word, *others)), "")
+        return data if isinstance(data, bool) else self._fail(
+            key, data, f"must be true or false{meant}{_meaning(metadata)}")
 
     def _text(self, kind: type, metadata: Mapping, data: Any, key: Key) -> Any:
         choices = self._liquids if metadata["liquid"] else metadata["choices"]

@@ -29,6 +29,9 @@ _SPOKEN = {"%": ("percent", "vol%"), "deg": ("degrees", "grad"), "mm": ("millime
 # Signs that word processors and keyboards give in place of those of ASCII.
 _SIGNS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2010": "-", "\u00ba": "\u00b0", "\u22c5": "\u00b7",
                         "\u2219": "\u00b7", "\u2022": "\u00b7"})
+# Powers of ten as they are printed, which would be read as more digits: 10², 5×10⁻³, 5 * 10^-3.
+_POWER = re.compile(r"\s*(?:([+-]?[\d.]+)\s*[×x*·]\s*)?10(?:(?:\^|\*\*)([+-]?\d+)|([⁺⁻]?[⁰¹²³⁴-⁹]+))")
+_SMALL_DIGIT = re.compile(r"(^\s*|[\d.][⁺⁻]?)[⁰¹²³⁴-⁹₀-₉①-⑳]")
 _LEAST_ANGLE = 1.0  # rad: larger angles with two decimals at most, and no unit, look like degrees
 
 
@@ -59,6 +62,10 @@ def parse_quantity(value: object, unit: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ValueError(f"{_describe(value)}, but must be {_wanted(unit)}")
     if isinstance(value, str):
+        signs = value[:_LONGEST].translate(_SIGNS)
+        if _SMALL_DIGIT.search(signs) or _POWER.match(signs):
+            raise ValueError(f'"{printable(value)}" with a power, but must be {_wanted(unit)}, with powers of ten as '
+                             f"in 1e-3{_without_power(value)}")
         match = len(value) <= _LONGEST and _NUMBER.fullmatch(_plain(value))
         if not match:
             raise ValueError(f'"{printable(str(value))}", but must be {_wanted(unit)}')
@@ -117,9 +124,20 @@ def looks_like_degrees(value: object, unit: str) -> bool:
 def _with_point(text: str) -> str:
     """A quantity whose number has a decimal comma, or commas between thousands, as it is written here."""
     def written(match: re.Match) -> str:
-        return match[0].replace(",", "" if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+", match[0]) else ".")
+        digits = match[0].replace(".", "") if re.fullmatch(r"[1-9]\d{0,2}(\.\d{3})+,\d+", match[0]) else match[0]
+        thousands = re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+(\.\d+)?", digits)
+        return digits.replace(",", "" if thousands else ".")
 
     return re.sub(r"[\d,.]*\d", written, _plain(text).strip(), count=1)
+
+
+def _without_power(text: str) -> str:
+    """A quantity whose number has a power of ten as it is printed, as a question, or nothing."""
+    match = _POWER.match(text.translate(_SIGNS))
+    if match is None:
+        return ""
+    exponent = unicodedata.normalize("NFKC", match[2] or match[3]).translate(_SIGNS)
+    return f" (did you mean {printable(f'{match[1] or 1}e{exponent}{text[match.end():]}')}?)"
 
 
 def _plain(text: str) -> str:

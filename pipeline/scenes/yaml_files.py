@@ -18,6 +18,20 @@ CHANGE_THE_STORY = ("start_from", "container", "initial", "blocks", "effects")
 MOST_DIGITS = 300  # of a whole number; a longer one is beyond the range of floats
 
 
+FULL_WIDTH = dict(zip("：｛｝［］，", ":{}[],", strict=True))
+# What the reader of YAML says, and what it means for who has written a scene.
+IN_WORDS = ((r"'\\t' that cannot start", "a tab, but lines are indented by blanks, and words parted by them"),
+            (r"character '.' that cannot start|expected alphabetic or numeric",
+             "text that begins with a sign such as @, % or * must be in quotes"),
+            (r"mapping values are not allowed", "a colon where none can be: text with a colon must be in quotes, a key "
+             "begins a line of its own, and keys of one mapping are indented alike"),
+            (r"unexpected end of stream", "the quotes of a text are not closed"),
+            (r"but got '<stream end>'", "a bracket is not closed before the end of the file"),
+            (r"^(expected|did not find expected) <block end>|expected ',' or '[}\]]'",
+             "does not fit to what stands before: look at indentation, colons, commas and brackets"),
+            (r"could not find expected ':'", "a line without the colon and the blank that a key is followed by"))
+
+
 class _StrictLoader(yaml.SafeLoader):
     """YAML without its traps.
 
@@ -86,7 +100,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         data = yaml.load(path.read_text(encoding="utf-8"), _StrictLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise UserError(f"{path}: line {mark.line + 1}, column {mark.column + 1}: {error.problem}") from None
+        place = f"{path}: line {mark.line + 1}, column {mark.column + 1}"
+        raise UserError(f"{place}: {_in_words(str(error.problem), path, mark.line)}") from None
     except (yaml.YAMLError, UnicodeDecodeError):
         raise UserError(f"{path}: not a text file in UTF-8") from None
     except (RecursionError, ValueError) as error:  # a character beyond Unicode, such as "\U00110000"
@@ -94,6 +109,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise UserError(f"{path}: is {describe(data)}, but must hold `name: value` lines")
     return data
+
+
+def _in_words(problem: str, path: Path, line: int) -> str:
+    """What is wrong with a line of YAML, where its reader speaks of tokens and blocks."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    wide = next((sign for one in lines[max(line - 1, 0):line + 1] for sign in one if sign in FULL_WIDTH), "")
+    if wide:
+        return f"the full-width sign {wide} is text here (did you mean {FULL_WIDTH[wide]}?)"
+    return next((words for pattern, words in IN_WORDS if re.search(pattern, problem)), problem)
 
 
 def read_extended(path: Path, errors: Errors, chain: tuple[Path, ...] = ()) -> dict[str, Any]:

@@ -50,6 +50,8 @@ def stop(*messages: str) -> NoReturn:
 
 def probe(folder: Path) -> None:
     """Make a folder if it is missing; end Snakemake where nothing can be written into it."""
+    if folder.is_symlink() and not folder.exists():
+        stop(f"{folder}: is a link to {folder.readlink()}, which is not there; make that folder, or remove the link")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as file:

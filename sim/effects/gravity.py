@@ -188,6 +188,12 @@ def _falling_speed(directions, scales, gravity: float) -> float:
     return math.sqrt(2.0 * gravity * max(heights))
 
 
+def _advice_on_other_gravity(parameters, eye):
+    if eye is not None and parameters.magnitude and not 9.0 <= parameters.magnitude <= 10.5:
+        yield (("effects", "gravity", "magnitude"),
+               f"is {parameters.magnitude:g} m/s2, but on Earth it is 9.81 m/s2, which is 1 g")
+
+
 @data_oriented
 class Gravity(Effect):
     """Weight of each particle, less that of the reference density."""
@@ -197,6 +203,7 @@ class Gravity(Effect):
     uses = ("mass", "volume", "position")
     does = frozenset({WEIGHS})
     checks = (_check_turns, _check_postures, _check_orientation, _check_time_lapse, _check_plane)
+    doubts = (_advice_on_other_gravity,)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

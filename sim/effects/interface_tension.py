@@ -103,6 +103,16 @@ def _advice_on_reversed_wetting(parameters, eye, liquids, oil):
            f"this order of liquids did you mean {math.degrees(math.pi - angle):.4g} deg?")
 
 
+def _advice_on_unusual_tension(parameters, eye):
+    tension = parameters.coefficient
+    if eye is None or not tension or 1e-3 <= tension <= 0.1:
+        return
+    likely = 1e3 * tension * 10.0 ** -math.floor(math.log10(tension / 0.01))
+    yield (("effects", "interface_tension", "coefficient"),
+           f"is {1e3 * tension:.4g} mN/m, but in an eye oil has some 5 to 50 mN/m and gas 72 mN/m (did you mean "
+           f"{likely:.4g} mN/m?)")
+
+
 @data_oriented
 class InterfaceTension(Effect):
     """Tension and wetting of the interface between two liquids."""
@@ -120,7 +130,7 @@ class InterfaceTension(Effect):
     does = frozenset({PULLS})
     fewest_liquids = 2
     checks = (_check_liquids, _check_cavity)
-    doubts = (_advice_on_reversed_wetting,)
+    doubts = (_advice_on_reversed_wetting, _advice_on_unusual_tension)
 
     def __init__(self, parameters, solver):
         super().__init__(parameters, solver)

@@ -1,5 +1,6 @@
 """Frames, surfaces and pictures that were deleted or added in the middle of a run are told by what reads them."""
 import shutil
+from unittest import mock
 
 import pytest
 from conftest import ROOT
@@ -10,6 +11,7 @@ from pipeline import bodies, frames, metrics, movie, rest
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, frame_path, frames_of, write_frame
 from pipeline.base.sequences import in_sequence, without_others
+from pipeline.measures.rest import course_of_coverage
 from pipeline.render import render_frames
 from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_scene
@@ -119,3 +121,22 @@ def test_whole_and_longer_runs_are_read(run):
     check_segments(scene, frames_of(segments(run, "frames")), "")
     (run / "frames/segment_000").rename(run / "some")
     check_segments(scene, [run / "some/frame_00001.vtu"], "")
+
+
+OTHER_FRAMES = {  # how a stage reads the frames of a folder
+    "metrics": lambda scene, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
+    "rest": lambda scene, folder: course_of_coverage(scene, {}, find_frames(folder)),
+}
+
+
+@pytest.mark.parametrize("stage", OTHER_FRAMES)
+def test_a_frame_under_the_name_of_another_is_told(run, stage, monkeypatch):
+    """As after a copy: it is whole, and its checksum fits, but a course over time would stand still or go back."""
+    folder = run / "frames/segment_001"
+    shutil.copy(folder / "frame_00003.vtu", folder / "frame_00004.vtu")
+    monkeypatch.setattr("pipeline.metrics.metrics_of", lambda scene: ())
+    monkeypatch.setattr("pipeline.measures.rest.row_of_coverage", lambda state: {})
+    for module in ("metrics", "measures.rest"):
+        monkeypatch.setattr(f"pipeline.{module}.Measured", mock.MagicMock())
+    with pytest.raises(UserError, match=r"frame_00004\.vtu: is the frame of 0\.15 s, but the one before it is"):
+        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), folder)

@@ -56,6 +56,21 @@ def test_warnings_of_libraries_are_no_errors():
     assert done.returncode == 0 and not done.stderr, done.stderr
 
 
+def test_no_home_is_that_of_the_account():
+    """Taichi ended the process, without a word that helps."""
+    done = subprocess.run(["env", "-u", "HOME", sys.executable, "-m", "pipeline.metrics", "--list"], cwd=ROOT,
+                          capture_output=True, text=True)
+    assert done.returncode == 0 and "time [s]: " in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(("name", "code"), [("tiny", 0), ("nowhere", 2)])
+def test_a_closed_output_ends_no_stage(name, code):
+    done = subprocess.run(["bash", "-c", f'"{sys.executable}" -m pipeline.scene {name} --check >&-'], cwd=ROOT,
+                          capture_output=True, text=True)
+    assert done.returncode == code and "Traceback" not in done.stderr
+    assert ("no such file" in done.stderr) == (code == 2)
+
+
 def test_packages_of_pythonpath_take_the_place_of_no_installed_ones(tmp_path):
     """As modules of clusters do, with another NumPy, YAML or Matplotlib."""
     for package in ("numpy", "yaml", "matplotlib", "pyvista"):

@@ -1,13 +1,24 @@
 """Meshes as clinics and programs write them: where they lie, how vertices are spread, dialects, steps of voxels."""
 import json
 
+import meshio
 import numpy as np
 import pytest
 import pyvista
 import trimesh
 from conftest import ROOT
 from helpers import forked
-from helpers.mesh_dialects import binary_stl, comma, obj, ply_of_strips, text_stl
+from helpers.mesh_dialects import (
+    ball_of_polygons,
+    big_endian_stl,
+    binary_stl,
+    comma,
+    obj,
+    ply,
+    ply_of,
+    ply_of_strips,
+    text_stl,
+)
 from skimage.measure import marching_cubes
 
 from pipeline.base.errors import UserError
@@ -189,6 +200,12 @@ DIALECTS = {
     "faces_first.obj": lambda mesh: obj(mesh, order="faces first").encode(),
     "from_the_end.obj": lambda mesh: obj(mesh, order="from the end").encode(),
     "strips.ply": lambda mesh: ply_of_strips(mesh),
+    "comment_ends_in_a_backslash.obj": lambda mesh: b"# C:\\meshes\\\nmtllib C:\\looks\\\n" + obj(mesh).encode(),
+    "carriage_returns.obj": lambda mesh: obj(mesh, order="faces first").replace("\n", "\r").encode(),
+    "comment_first.ply": lambda mesh: ply(mesh, comments="comment of a clinic\n").replace(b".", b",").replace(
+        b"ascii 1,0", b"ascii 1.0"),
+    "bytes_behind.ply": lambda mesh: ply(mesh, "binary_little_endian") + bytes(50),
+    "big_endian.stl": lambda mesh: big_endian_stl(mesh),
 }
 
 
@@ -203,8 +220,64 @@ def test_dialects_are_read(ball, tmp_path, name):
     imported = import_mesh(tmp_path / name)
     assert len(imported.mesh.faces) == len(ball.faces) and imported.mesh.is_watertight
     assert imported.mesh.volume == pytest.approx(1e-9 * ball.volume, rel=1e-5)
-    noted = {"tail.stl": "37 bytes behind the last triangle were left out", "uncounted.stl": "no number of triangles"}
+    noted = {"tail.stl": "37 bytes behind the last triangle were left out", "uncounted.stl": "no number of triangles",
+             "big_endian.stl": "big-endian"}
     assert (noted[name] in imported.warnings[0]) if name in noted else not imported.warnings
+
+
+POLYGONS = {"text.ply": lambda points, faces: ply_of(points, faces),
+            "big_endian.ply": lambda points, faces: ply_of(points, faces, "binary_big_endian"),
+            "polygons.obj": lambda points, faces: "\n".join(
+                [*(f"v {' '.join(map(repr, one))}" for one in points.tolist()),
+                 *(f"f {' '.join(str(one + 1) for one in face)}" for face in faces)]).encode(),
+            "polygons.stl": lambda points, faces: "\n".join(
+                ["solid", *("facet normal 0 0 1\nouter loop\n" + "\n".join(
+                    f"vertex {' '.join(map(repr, points[one].tolist()))}" for one in face) + "\nendloop\nendfacet"
+                    for face in faces), "endsolid"]).encode()}
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_faces_of_three_four_and_more_corners_are_read_together(tmp_path, name):
+    """A ball of 20 rows of 40 quadrangles that ends in triangles on one side, and in one polygon on the other."""
+    points, faces = ball_of_polygons()
+    (tmp_path / name).write_bytes(POLYGONS[name](points, faces))
+    mesh = import_mesh(tmp_path / name).mesh
+    assert mesh.is_watertight and len(mesh.faces) == 19 * 40 * 2 + 40 + 38
+    assert mesh.volume == pytest.approx(5.47e-6, rel=1e-3)
+
+
+def test_a_file_of_vtk_tells_its_axes(eye, tmp_path):
+    """An eye that looks up and to the side, so that its flat side tells no axes."""
+    turned = eye.copy().apply_transform(trimesh.transformations.euler_matrix(0.8, 0.5, 0.3))
+    surface = pyvista.wrap(turned)
+    surface.field_data["SPACE"] = np.array(["LPS"])
+    surface.save(tmp_path / "eye.vtp")
+    assert import_mesh(tmp_path / "eye.vtp").space == "LPS"
+
+
+@pytest.mark.parametrize("name", ["two.msh", "two.vtu"])
+def test_a_volume_mesh_of_several_bodies_tells_that_their_outside_is_read(ball, tmp_path, name):
+    """Where the cavity is meshed with the lens, the outside is that of the globe."""
+    grid = pyvista.wrap(ball).delaunay_3d()
+    cells = grid.cells_dict[pyvista.CellType.TETRA]
+    body = 1 + (grid.points[cells].mean(axis=1)[:, 2] > 3.0).astype(int)
+    key = "gmsh:physical" if name == "two.msh" else "material"
+    data = {key: [body], **({"gmsh:geometrical": [body]} if name == "two.msh" else {})}
+    meshio.write(tmp_path / name, meshio.Mesh(grid.points, [("tetra", cells)], cell_data=data),
+                 file_format="gmsh22" if name == "two.msh" else None, binary=False)
+    warning, = import_mesh(tmp_path / name).warnings
+    assert f'2 bodies by "{key}" (1 with ' in warning and "export the cavity alone" in warning
+    body[:] = 1
+    meshio.write(tmp_path / name, meshio.Mesh(grid.points, [("tetra", cells)], cell_data=data),
+                 file_format="gmsh22" if name == "two.msh" else None, binary=False)
+    assert not import_mesh(tmp_path / name).warnings
+
+
+def test_too_few_triangles_for_a_round_wall_are_told(tmp_path):
+    rough, fine = (trimesh.creation.icosphere(subdivisions=level, radius=11.0) for level in (1, 3))
+    warning, = read(rough, tmp_path).warnings
+    assert "has 80 triangles only" in warning and "export it finer" in warning
+    assert not read(fine, tmp_path).warnings
 
 
 OTHERS = {
@@ -224,6 +297,14 @@ OTHERS = {
                    b"end_header\n1 2 3\n", "holds 1 points and no triangles"),
     "half.obj": (b"v 1 2 3\nv 1 2 4\nv 2 2 4\nf 1 2 3\nf 1 2", "line 5 is no face of three corners or more"),
     "other.stl": (b"\7" * 84 + b"\0" * 60_000, "cut short"),
+    "stl.obj": (b"solid eye\nfacet normal 0 0 1\n", "another format than its name says: give it the ending .stl"),
+    "ply.vtk": (b"ply\nformat ascii 1.0\n", "give it the ending .ply"),
+    "short.ply": (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+                  b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                  "is cut short (its head announces 5 lines and 4 are there)"),
+    "packed.stl.gz": (b"\x1f\x8b\x08" + b"\0" * 200, 'is compressed (".gz"): unpack it'),
+    "voxels.vtk": (b"# vtk DataFile Version 3.0\nlabels\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 22 22 20\n"
+                   b"ORIGIN 0 0 0\nSPACING 1 1 1\n", "it is an image of 22 x 22 x 20 points and no surface"),
 }
 
 
@@ -234,6 +315,12 @@ def test_other_files_are_called_what_they_are(tmp_path, name):
     with pytest.raises(UserError) as error:
         import_mesh(tmp_path / name)
     assert words in str(error.value) and "eye.path" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_folder_is_no_mesh(tmp_path):
+    (tmp_path / "eye.stl").mkdir()
+    with pytest.raises(UserError, match=r"is a folder: name the mesh in it"):
+        import_mesh(tmp_path / "eye.stl")
 
 
 def test_the_stage_smooths_and_turns_a_segmentation(tmp_path):

@@ -1,4 +1,5 @@
 """Labelled images in place of a mesh: made here of a known eye, read back as its surface, or refused in a sentence."""
+import gzip
 import json
 
 import nibabel
@@ -256,6 +257,44 @@ def test_voxels_without_a_size_are_refused(tmp_path):
     labels, affine = segmented()
     with pytest.raises(UserError, match="its head gives voxels without a size or a place"):
         import_mesh(nrrd_file(tmp_path / "eye.nrrd", labels, affine @ np.diag([1.0, 1.0, 0.0, 1.0])), label=1)
+
+
+def test_sizes_of_voxels_are_never_guessed(tmp_path, capfd):
+    """A head without them would make an eye of another size, which nobody sees."""
+    labels, affine = segmented(sizes=(0.6, 0.6, 0.6))
+    cases = []
+    for name, spacings in (("none.nrrd", None), ("one_missing.nrrd", [0.6, 0.6, np.nan])):
+        nrrd.write(str(tmp_path / name), labels, {} if spacings is None else {"spacings": spacings})
+        cases.append((name, "neither space directions nor spacings of all axes"))
+    content = bytearray(nifti(tmp_path / "eye.nii", labels, affine).read_bytes())
+    content[252:256], content[80:92] = bytes(4), bytes(12)  # qform_code, sform_code and pixdim
+    (tmp_path / "eye.nii").write_bytes(content)
+    for name, words in [*cases, ("eye.nii", "gives voxels without a size")]:
+        with pytest.raises(UserError, match=words):
+            import_mesh(tmp_path / name, label=1)
+    assert not "".join(capfd.readouterr())
+
+
+def test_heads_that_contradict_themselves_or_tell_no_side_are_told(tmp_path):
+    labels, affine = segmented()
+    content = bytearray(nifti(tmp_path / "eye.nii", labels, affine).read_bytes())
+    content[80:92] = np.array([0.45] * 3, "<f4").tobytes()
+    (tmp_path / "eye.nii").write_bytes(content)
+    warning, = import_mesh(tmp_path / "eye.nii", label=1).warnings
+    assert "voxels of 0.45 x 0.45 x 0.45 (pixdim) and of 0.5 x 0.5 x 0.5 (sform)" in warning
+    nrrd_file(tmp_path / "eye.nrrd", labels, affine, space=None, **{"space dimension": 3})
+    warning, = import_mesh(tmp_path / "eye.nrrd", label=1).warnings
+    assert "it names no space" in warning and "left and right may be exchanged" in warning
+
+
+def test_an_ending_that_contradicts_the_content_is_told(tmp_path):
+    labels, affine = segmented()
+    packed = nifti(tmp_path / "a.nii.gz", labels, affine).read_bytes()
+    (tmp_path / "packed.nii").write_bytes(packed)
+    (tmp_path / "plain.nii.gz").write_bytes(gzip.decompress(packed))
+    for name, words in (("packed.nii", "give it the ending .nii.gz"), ("plain.nii.gz", "give it the ending .nii$")):
+        with pytest.raises(UserError, match=words):
+            import_mesh(tmp_path / name, label=1)
 
 
 def test_specks_and_hollows_are_mended_and_told(exact, tmp_path):

@@ -186,6 +186,7 @@ def test_oil_at_rest_is_a_shape_and_what_it_touches():
 @pytest.mark.parametrize(("arguments", "sentence"), [
     ({"posture": "uprigth"}, "did you mean upright?"), ({"oil": "olive"}, 'oil is "olive", but must be one of'),
     ({"fill": "120 %"}, "fill is \"120 %\", but must be at least 0.01 and at most 0.999"),
+    ({"oil": "aqueous"}, 'oil is "aqueous", but must be another liquid than the one that it leaves room for'),
     ({"eye": {"axial_length": "3 mm"}}, "axial_length is \"3 mm\", but must be at least 0.015 m"),
 ])
 def test_oil_that_cannot_rest_is_one_sentence(arguments, sentence):

@@ -71,6 +71,15 @@ def test_words_are_read_as_people_read_them(text, read, write):
     ("title: " + "{a: " * 10**4, "lists and mappings lie in each other more than 20 deep"),
     ("title: " + "a" * MOST_BYTES, f"but must have at most {MOST_BYTES}"),
     ("numerics: {seed: " + "9" * 10**4 + "}", "numerics.seed is inf, but must be a finite number"),
+    ("output:\n\tduration: 1 s", "line 3, column 1: a tab, but lines are indented by blanks"),
+    ("title: Fluid: oil", "line 2, column 13: a colon where none can be: text with a colon must be in quotes"),
+    ("title: @home", "text that begins with a sign such as @, % or * must be in quotes"),
+    ("title: *bold*", "text that begins with a sign such as @, % or * must be in quotes"),
+    ("title: 'never ends", "the quotes of a text are not closed"),
+    ("output: {duration: 1 s", "a bracket is not closed before the end of the file"),
+    ("effects: {gravity: {posture: upright}", "a bracket is not closed"),
+    ("effects: {gravity: upright}}", "does not fit to what stands before"),
+    ("effects\uff1a{gravity: {posture: upright}}", "the full-width sign \uff1a is text here (did you mean :?)"),
 ])
 def test_traps_of_yaml_are_sentences(text, sentence, write):
     assert any(sentence in message for message in errors_of(write(f"extends: tiny\n{text}\n")))

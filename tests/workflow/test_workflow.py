@@ -126,6 +126,11 @@ def test_configured_level_is_that_of_all_and_of_a_scene_asked_for_by_its_name(pr
     (["all", "--config", "scenes=[tinny]"], "tinny.yaml: no such file"),
     (["all", "--config", "scenes=tiny"], "scenes is 'tiny', but must be a list"),
     (["all", "--config", "accuracy=finest"], 'accuracy is "finest", but must be one of draft, standard, fine'),
+    (["tiny", "-j0"], "-j is 0, but must be the number of cores to use, 1 at least, or all"),
+    (["config/scenes/tiny.yaml"], "is a scene file, but scenes are asked for by their names (did you mean tiny?)"),
+    (["outputs/tiny/draft/film.mp5"], "no rule makes this file (did you mean film.mp4?); in outputs/tiny/draft there"),
+    (["outputs/tinny/draft/index.htm"], "tinny.yaml: no such file (did you mean tiny?)"),
+    (["--report", "report.html"], "is not made yet, and "),
     (["all", "--config", "acuracy=fine"], "acuracy: unknown key, must be one of scenes, accuracy"),
 ])
 def test_wrong_request_ends_with_a_sentence(project, arguments, sentence):
