@@ -2,6 +2,7 @@
 import csv
 import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -63,7 +64,9 @@ def test_there_are_ten_cases_each_with_words_parameters_and_a_reference():
 
 
 def test_the_reference_tables_are_those_of_the_exact_solutions():
-    done = subprocess.run([sys.executable, FOLDER / "references.py", "--check"], capture_output=True, text=True)
+    surroundings = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # it reads score.py
+    done = subprocess.run([sys.executable, FOLDER / "references.py", "--check"], capture_output=True, text=True,
+                          env=surroundings)
     assert done.returncode == 0, done.stderr
 
 
