@@ -22,7 +22,7 @@ ILLUSTRATED = ("description", "accuracy", "start_from", "initial", "blocks", "sc
                *(key for key in PICTURE if key != "output.second_means"), "liquids.source", *PLACES)
 # What a stage does not read of the scene, so that a new color or a longer duration does not cost a simulation.
 UNREAD = {
-    "advise": ("description", "label", *PICTURE, *COLORS, "eye.side", *PLACES),
+    "advise": ("description", "label", *PICTURE, *COLORS, "eye.side", "breaks"),
     "estimate": ("description", "label", *LOOKS, *PLACES),
     "cost": ("description", "label", *LOOKS, *PLACES),
     "eye": (*WORDS, "accuracy", "start_from", "initial", "blocks", "effects", "schemes", "numerics", "output",

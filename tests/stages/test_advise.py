@@ -191,6 +191,7 @@ TENSION = "interface_tension: {coefficient: 40 mN/m}"
 OIL = "liquids: {aqueous: null}\nblocks: [{liquid: silicone_oil_1000, lower: [0, 0, 0], upper: [0.1, 0.1, 0.1]}]\n"
 EQUAL = "liquids: {aqueous: {density: 1000}, silicone_oil_1000: {density: 1000}}\n"
 THIN = "liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 1 mPa s}}\n"
+ASKED_BACK = {"liquids.silicone_oil_1000.dynamic_viscosity": "did you mean 1000 mPa s?"}
 
 
 @pytest.mark.parametrize(("text", "expected"), [
@@ -210,8 +211,9 @@ THIN = "liquids: {aqueous: {}, silicone_oil_1000: {dynamic_viscosity: 1 mPa s}}\
                                   "interface_tension": "Bo = 0 is below 10", "viscosity": "U is 0 m/s"}),
     ("", {"gravity": "is missing", "interface_tension": "is missing"}),
     # Both liquids like water: layers of sqrt(nu t) stay below the spacing of 5 mm.
-    (f"{THIN}effects: {{{GRAVITY}}}", {}),
-    (f"{THIN}effects: {{{GRAVITY}, viscosity: {{}}}}", {"viscosity": "cannot be seen: it acts in a layer of"}),
+    (f"{THIN}effects: {{{GRAVITY}}}", ASKED_BACK),
+    (f"{THIN}effects: {{{GRAVITY}, viscosity: {{}}}}",
+     {**ASKED_BACK, "viscosity": "cannot be seen: it acts in a layer of"}),
     # Equal weights: gravity only shifts the pressure; tension then rounds whatever its strength.
     (f"{EQUAL}effects: {{{GRAVITY}, {TENSION}, viscosity: {{}}}}",
      {"gravity": "cannot be seen: the liquids differ by 0 kg/m3"}),
