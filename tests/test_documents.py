@@ -43,7 +43,8 @@ def files() -> tuple[Path, ...]:
     found = [path for path in ROOT.iterdir() if path.suffix == ".md" or path.name == "Snakefile"]
     for folder in FOLDERS:
         found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS
-                  and not {".venv", "_build"} & set(path.parts)]
+                  and not {".venv", "_build"} & set(path.parts)
+                  and ROOT / "pipeline" / "project" not in path.parents]  # what a wheel has beside the code
     return tuple(sorted(path for path in found if path != Path(__file__)))
 
 
