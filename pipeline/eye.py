@@ -1,9 +1,8 @@
 """Stage: the closed surface of the cavity: a parametric eye, a user's mesh, or a container."""
-import argparse
 import json
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.cavity.mesh_import import MeshRefused
@@ -14,7 +13,7 @@ from pipeline.scenes.load import load_resolved
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.eye", description=__doc__)
+    parser = stage_parser("eye", __doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     parser.add_argument("--output", type=Path, required=True, help="surface to write (eye.vtp)")
     parser.add_argument("--report", type=Path, required=True, help="report to write (eye.json)")

@@ -6,17 +6,16 @@ padding, no raw ones either. Every array carries its unit (VTK's ``UNITS_LABEL``
 and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is stored as UTF-8 bytes, to be read with
 ``bytes(mesh.field_data["liquids"]).decode()``: meshio has no string arrays.
 """
-import argparse
 import os
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.frame_files import FIELD_UNITS, FrameData, frames_of, read_frame, write_pvd
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.frames pvd FRAMES_DIR... --output frames.pvd``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.frames", description="Index or inspect saved frames.")
+    parser = stage_parser("frames", "Index or inspect saved frames.")
     commands = parser.add_subparsers(dest="command", required=True)
     pvd = commands.add_parser("pvd", help="write the .pvd time index that ParaView and pyvista open")
     pvd.add_argument("folders", nargs="+", type=Path, metavar="FRAMES_DIR", help="folders of frames, one per segment")

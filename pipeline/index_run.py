@@ -2,10 +2,9 @@
 
 Beside it a script that lets ParaView show the run as the pictures do.
 """
-import argparse
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import write_pvd
@@ -19,7 +18,7 @@ SCRIPT = "view_run.py"
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.index_run scene.json eye.vtp --frames ... --surfaces ... --output FILE``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.index_run", description=__doc__)
+    parser = stage_parser("index_run", __doc__)
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("wall", type=Path, metavar="eye.vtp", help="surface of the cavity")
     parser.add_argument("--frames", nargs="+", required=True, type=Path, metavar="FRAMES_DIR", help="folders of frames")

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.base import energies
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.frame_files import frames_of, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.sequences import FRAMES_AGAIN
@@ -279,7 +280,7 @@ class ListMetrics(argparse.Action):
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.metrics scene.json initial.npz FRAMES_DIR... --output metrics.csv``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.metrics", description="Measure every frame of a scene.")
+    parser = stage_parser("metrics", "Measure every frame of a scene.")
     parser.add_argument("--list", action=ListMetrics, help="print the meaning of every metric, and end")
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("initial", type=Path, metavar="initial.npz", help="wall and signed distance")
@@ -323,6 +324,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from pipeline.base.cli import run
-
     run(main)

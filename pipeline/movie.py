@@ -3,12 +3,11 @@
 The movie shows 24 pictures per second, and the last one stays for a while. Where there are so few that it would be over
 in less than 3 s, it plays at 0.5, 0.25, 0.2, 0.1 ... times real time. Its corner says how fast.
 """
-import argparse
 from pathlib import Path
 
 from PIL import Image, ImageDraw
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing
 from pipeline.base.sequences import PICTURES_AGAIN, in_sequence
@@ -49,8 +48,7 @@ def write_into_corner(picture: Image.Image, text: str) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.movie IMAGES_DIR... --scene scene.json --output movie.mp4``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.movie", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("movie", __doc__)
     parser.add_argument("folders", nargs="+", type=Path, metavar="IMAGES_DIR", help="folders of pictures")
     parser.add_argument("--output", required=True, type=Path, metavar="movie.mp4", help="movie to write")
     parser.add_argument("--scene", type=Path, metavar="scene.json",

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.base.cli import run, stage_parser
+from pipeline.base.cli import CommandLine, run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import write_text
 from pipeline.planning.confirm import BREAK, confirmation
@@ -88,7 +88,7 @@ def _write(output: Path | None, text: Callable[[], str], page: Callable[[], str]
         write_text(output, page() if output.suffix == ".html" else text())
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> CommandLine:
     parser = stage_parser("plan", __doc__)
     parser.add_argument("--break", dest="place", metavar="HOUR,ANGLE",
                         help="middle of the break: clock hour and angle from the posterior pole, such as 6h,60deg")

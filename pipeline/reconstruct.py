@@ -2,14 +2,13 @@
 
 In two dimensions the surfaces are closed lines.
 """
-import argparse
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, frames_of, read_frame
@@ -122,9 +121,7 @@ def write_surfaces(folder: Path, path: Path, frame: FrameData, reconstructor: Re
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: all frames of one folder become surfaces in one process (the kernel is compiled once)."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pipeline.reconstruct",
-        description="Turn the particles of saved frames into one closed surface mesh per liquid.")
+    parser = stage_parser("reconstruct", "Turn the particles of saved frames into one closed surface mesh per liquid.")
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("initial", type=Path, metavar="initial.npz", help="signed distance to the wall")
     parser.add_argument("frames", type=Path, metavar="FRAMES_DIR", help="folder of frames")

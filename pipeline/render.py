@@ -2,14 +2,13 @@
 
 Containers have a picture of their own (``pipeline.pictures.container_picture``).
 """
-import argparse
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
 from pipeline.base.frame_files import FrameData, find_frames, read_frame
@@ -310,7 +309,7 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: all frames of one folder become pictures in one process."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.render", description="Draw a picture of every frame.")
+    parser = stage_parser("render", "Draw a picture of every frame.")
     parser.add_argument("scene", type=Path, metavar="scene.json", help="resolved scene")
     parser.add_argument("initial", type=Path, metavar="initial.npz", help="arrays of the voxelize stage")
     parser.add_argument("eye", type=Path, metavar="eye.vtp", help="surface of the cavity")

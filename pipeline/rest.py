@@ -3,12 +3,11 @@
 The covered share of the retina is measured in the frames of the last seconds, and must hardly change; an injection, a
 turn or a saccade that is to come, or was not long ago, keeps the scene going.
 """
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import write_text
 from pipeline.base.frame_files import frames_of
 from pipeline.base.sequences import FRAMES_AGAIN
@@ -21,8 +20,7 @@ from pipeline.scenes.load import load_resolved
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.rest", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = stage_parser("rest", __doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     parser.add_argument("initial", type=Path, help="particles and signed distance of the voxelize stage (initial.npz)")
     parser.add_argument("folders", type=Path, nargs="+", metavar="frames", help="folders of frames, from the start on")

@@ -1,5 +1,4 @@
 """Stage: run the solver over one segment of a scene, from checkpoint to checkpoint."""
-import argparse
 import dataclasses
 import functools
 import json
@@ -8,7 +7,7 @@ from pathlib import Path
 
 from pipeline.advice.report import report_of, text_of
 from pipeline.base.checksum import checksum_at_end
-from pipeline.base.cli import run
+from pipeline.base.cli import CommandLine, run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.frame_files import frame_path, load_checkpoint, save_checkpoint, write_frame
@@ -199,9 +198,9 @@ def write_costs(path: Path, solver, steps: int, launches, warm: dict, clocks: li
     write_text(path, json.dumps(numbers | {"parts": parts, "frames": clocks}, indent=1) + "\n")
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> CommandLine:
     """Command line of the stage."""
-    p = argparse.ArgumentParser(prog="python -m pipeline.simulate", description=__doc__)
+    p = stage_parser("simulate", __doc__)
     p.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     p.add_argument("initial", type=Path, help="particles and signed distance of the voxelize stage (initial.npz)")
     p.add_argument("--segment", type=int, default=0, help="which segment (default 0)")

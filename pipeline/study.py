@@ -4,13 +4,12 @@
     python -m pipeline.study validation                        every case, the table and the figures
     python -m pipeline.study validation --case CASE --output DIR    one case, as Snakemake calls it
 """
-import argparse
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run, stage_parser
+from pipeline.base.cli import CommandLine, run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder, write_text
 from pipeline.base.origin import code, machine
@@ -53,7 +52,7 @@ def run_case(case: Case, threads: int = 0, device: str = "cpu", *, keep_to_core:
     return outcome
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> CommandLine:
     """Command line of the stage."""
     p = stage_parser("study", __doc__)
     p.add_argument("study", help=f"one of {', '.join(study_names())}")

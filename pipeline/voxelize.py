@@ -1,11 +1,10 @@
 """Stage: from the surface of the cavity to liquid particles, wall particles and a signed distance grid."""
-import argparse
 import dataclasses
 import json
 import time
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.files import replacing, write_text
 from pipeline.cavity import container
 from pipeline.cavity.initial_state import save_initial
@@ -20,7 +19,7 @@ LARGEST_VOLUME_ERROR = 0.01
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the stage; see ``--help``."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.voxelize", description=__doc__)
+    parser = stage_parser("voxelize", __doc__)
     parser.add_argument("scene", type=Path, help="resolved scene (scene.json)")
     parser.add_argument("mesh", type=Path, help="surface of the cavity (eye.vtp); a container is known without it")
     parser.add_argument("--output", type=Path, required=True, help="arrays to write (initial.npz)")

@@ -39,6 +39,14 @@ def test_stages_of_the_documents_have_the_options_that_they_name(module):
                 assert option in done.stdout, line
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("module", STAGES)
+def test_options_that_there_are_not_end_in_one_sentence(module):
+    done = forked.run(module, "--no-such-option")
+    assert done.returncode == 2 and done.stdout == ""
+    assert re.fullmatch(rf"error: python -m {module}: [^\n]+; --help lists what it takes\n", done.stderr), done.stderr
+
+
 def test_code_of_the_documents_is_whole():
     for path, text in TEXT.items():
         assert len(re.findall(r"^```", text, re.MULTILINE)) % 2 == 0, path

@@ -2,6 +2,7 @@
 import argparse
 import errno
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -13,6 +14,7 @@ from pipeline.base.errors import UserError
 from pipeline.base.home import stand_in_for_home
 from pipeline.base.memory import FAILED, end_at_once, end_in_sentence, sentence_of
 from pipeline.base.usage import write_if_asked
+from pipeline.base.words import nearest
 
 FOR_DIGESTS = "no influence"
 WRONG_INPUT = 2
@@ -29,13 +31,31 @@ _REASONS = {
     errno.EISDIR: "this is a folder, not a file",
     errno.ENOTDIR: "a part of this path is a file, not a folder",
 }
+# What argparse says of a value that is not among the allowed ones, and of an option that there is not.
+_CHOICE = re.compile(r"argument (.+): invalid choice: '(.+)' \(choose from (.+)\)$")
+_UNKNOWN = re.compile(r"unrecognized arguments: (-\S+)")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
-def stage_parser(stage: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+class CommandLine(argparse.ArgumentParser):
+    """Options and arguments of a command, whose mistakes end in one sentence as all others do."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, what was probably meant, and where all options are listed; see argparse."""
+        raise UserError(f"{self.prog}: {message}{self._meant(message)}; --help lists what it takes")
+
+    def _meant(self, message: str) -> str:
+        if chosen := _CHOICE.match(message):
+            return nearest(chosen[2], re.split(r"', '|, ", chosen[3].strip("'")))
+        unknown = _UNKNOWN.match(message)
+        options = (option for action in self._actions for option in action.option_strings)
+        return nearest(unknown[1].partition("=")[0], options) if unknown else ""
+
+
+def stage_parser(stage: str, description: str, epilog: str = "") -> CommandLine:
     """Return the command line of `python -m pipeline.<stage>`; its help has the description as it is written."""
-    return argparse.ArgumentParser(prog=f"python -m pipeline.{stage}", description=description, epilog=epilog,
-                                   formatter_class=argparse.RawDescriptionHelpFormatter)
+    return CommandLine(prog=f"python -m pipeline.{stage}", description=description, epilog=epilog,
+                       formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def run(main: Callable[[], int | None]) -> NoReturn:

@@ -3,14 +3,13 @@
 VTK may end the process where OpenGL is missing, so child processes try it. No display is ever asked for,
 whatever DISPLAY says: that of an old session may not answer.
 """
-import argparse
 import functools
 import os
 import subprocess
 import sys
 from typing import TYPE_CHECKING, Any
 
-from pipeline.base.cli import run
+from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.memory import LIBRARIES, address_space
 
@@ -116,8 +115,7 @@ def off_screen(**options: Any) -> "pyvista.Plotter":
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: ``python -m pipeline.pictures.opengl``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pipeline.pictures.opengl", description="Check whether pictures can be drawn on this machine.")
+    parser = stage_parser("pictures.opengl", "Check whether pictures can be drawn on this machine.")
     parser.parse_args(arguments)
     print(f"OpenGL works: {find_working_opengl()}")
 

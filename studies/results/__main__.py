@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pipeline.base.cli import run
+from pipeline.base.cli import CommandLine, run
 from pipeline.base.errors import UserError
 from pipeline.base.markdown import settle, table
 from pipeline.base.numbers import plain
@@ -261,7 +261,7 @@ def pages_of(root: Path, layout: Layout, rows: dict[str, list[Row]]) -> dict[Pat
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; see ``--help``."""
-    p = argparse.ArgumentParser(prog=COMMAND, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = CommandLine(prog=COMMAND, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--check", action="store_true", help="compare only")
     p.add_argument("--take", type=Path, nargs="+", default=[], metavar="DIR",
                    help="outputs/studies/<study>/<level> or outputs/<scene>/<level>, whose numbers replace older ones")
