@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.base import energies
 from pipeline.base.cli import run, stage_parser
-from pipeline.base.frame_files import frames_of, read_frame
+from pipeline.base.frame_files import frames_of, read_course, read_frame
 from pipeline.base.progress import progress
 from pipeline.base.sequences import FRAMES_AGAIN
 from pipeline.base.tables import write_table
@@ -247,10 +247,7 @@ def measure(scene: Scene, initial: dict[str, np.ndarray], paths: Sequence[Path],
     table: dict[str, list[float]] = {}
     films = FilmCourse.of(scene, float(initial["cavity_volume"]))
     with progress(len(paths), f"{scene.name}: metrics") as bar:
-        before = -np.inf
-        for path in paths:
-            frame = read_frame(path, before)
-            before = frame.time
+        for path, frame in read_course(paths):
             state = Measured(scene, initial, frame, places).after(films)
             row: dict[str, float] = {"frame": int(path.stem.rpartition("_")[2])}
             for one in metrics_of(scene):

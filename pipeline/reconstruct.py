@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
-from pipeline.base.frame_files import FrameData, find_frames, frames_of, read_frame
+from pipeline.base.frame_files import FrameData, find_frames, frames_of, read_course
 from pipeline.base.progress import progress
 from pipeline.base.sequences import FRAMES_AGAIN
 from pipeline.base.threads import checked_threads
@@ -157,14 +157,11 @@ def main(arguments: list[str] | None = None) -> None:
     wall = None
     if options.eye and scene.eye is not None:
         wall = Wall(scene, initial, read_surface(options.eye))
-        for path in frames_of(options.before):
-            wall.follow(read_frame(path))
+        for _, frame in read_course(frames_of(options.before)):
+            wall.follow(frame)
     label = f"{scene.name}: reconstruct {options.frames.name}"
     with replacing_folder(options.output) as folder, progress(len(paths), label) as bar:
-        before = -np.inf
-        for path in paths:
-            frame = read_frame(path, before)
-            before = frame.time
+        for path, frame in read_course(paths):
             write_surfaces(folder, path, frame, reconstructor, options.format or scene.output.formats, wall)
             frame_done()
             bar.update()

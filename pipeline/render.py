@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 from pipeline.base.cli import run, stage_parser
 from pipeline.base.errors import UserError
 from pipeline.base.files import replacing_folder
-from pipeline.base.frame_files import FrameData, find_frames, read_frame
+from pipeline.base.frame_files import FrameData, find_frames, read_course
 from pipeline.base.progress import progress
 from pipeline.base.sequences import FRAMES_AGAIN, without_others
 from pipeline.base.usage import frame_done
@@ -286,10 +286,7 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
         Renderer(scene, cavity_volume, eye_surface)
     try:
         with replacing_folder(output) as folder, progress(len(paths), label) as bar:
-            before = -np.inf
-            for path in paths:
-                frame = read_frame(path, before)
-                before = frame.time
+            for path, frame in read_course(paths):
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
                 meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:

@@ -573,7 +573,7 @@ FAULTS = (
           "for run in self.runs if run.kind == kind]", "for run in self.runs if run.kind == kind == \"study\"]",
           "test_cheap_scenes_and_studies_take_turns_and_numbers_are_taken_before_the_next_run"),
     Fault("frame_copied", "a frame that was copied over the next one is measured",
-          "if frame.time <= after:", "if frame.time < after:",
+          "if frame.time <= before:", "if frame.time < before:",
           "test_a_frame_under_the_name_of_another_is_told"),
     # Words of pictures, tables and pages
     Fault("words_speed", "speeds are in m/s under a heading that says mm/s",

@@ -9,7 +9,7 @@ and ``fill`` carry the liquid's name, those of vectors X, Y and Z. Text is store
 import dataclasses
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -183,16 +183,12 @@ def _vtk_array(name: str, values: np.ndarray, units: Mapping[str, str], liquids:
     return array
 
 
-def read_frame(path: str | os.PathLike, after: float = -math.inf) -> FrameData:
+def read_frame(path: str | os.PathLike) -> FrameData:
     """Read a frame written by :func:`write_frame`.
-
-    Parameters
-    ----------
-    after : time of the frame before it in a run, s.
 
     Raises
     ------
-    UserError : the file is missing, no frame of this pipeline, or another frame than its name says.
+    UserError : the file is missing, or is no frame of this pipeline.
     DamagedFile : its checksum does not fit.
     """
     from pipeline.base.vtk_files import read_raw
@@ -207,14 +203,28 @@ def read_frame(path: str | os.PathLike, after: float = -math.inf) -> FrameData:
         missing = ({*POINT_UNITS} - {*points}) | ({"time", "step", "gravity", "dimension", *TEXTS} - {*fields})
         if missing:
             raise ValueError(f"without {', '.join(sorted(missing))}")
-        frame = _from_arrays(points, fields, coordinates)
+        return _from_arrays(points, fields, coordinates)
     except (ValueError, IndexError, KeyError, TypeError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path}: is no frame of this pipeline ({reason}); run its segment again") from error
-    if frame.time <= after:
-        raise UserError(f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {after:.6g} s, "
-                        f"as after a copy under another name; remove its folder and {FRAMES_AGAIN}")
-    return frame
+
+
+def read_course(paths: Iterable[Path]) -> Iterator[tuple[Path, FrameData]]:
+    """Read the frames of a run one by one, in the order of time, each with its file.
+
+    Raises
+    ------
+    UserError : as :func:`read_frame`, and where a frame is not later than the one before it.
+    """
+    before = -math.inf
+    for path in paths:
+        frame = read_frame(path)
+        if frame.time <= before:
+            raise UserError(
+                f"{path}: is the frame of {frame.time:.6g} s, but the one before it is that of {before:.6g} s, "
+                f"as after a copy under another name; remove its folder and {FRAMES_AGAIN}")
+        before = frame.time
+        yield path, frame
 
 
 def frame_at(folder: Path, time: float | None) -> tuple[str, FrameData]:

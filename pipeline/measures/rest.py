@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.frame_files import read_frame
+from pipeline.base.frame_files import read_course
 from pipeline.measures.events import Event
 from pipeline.measures.frame_view import Measured
 from pipeline.scenes.model import REST_RATE, REST_WINDOW, Scene
@@ -91,10 +91,7 @@ def course_of_coverage(scene: Scene, initial: dict[str, np.ndarray], paths: Sequ
     """
     frames = round(REST_WINDOW / scene.output.frame_interval) + 1
     table: dict[str, list[float]] = {}
-    before = -np.inf
-    for path in [*paths[:1], *paths[1:][-frames:]]:
-        frame = read_frame(path, before)
-        before = frame.time
+    for _, frame in read_course([*paths[:1], *paths[1:][-frames:]]):
         for column, number in row_of_coverage(Measured(scene, initial, frame)).items():
             table.setdefault(column, []).append(number)
     return {column: np.array(numbers, float) for column, numbers in table.items()}

@@ -7,7 +7,7 @@ from conftest import ROOT
 from helpers.synthetic_frames import make_frame
 from PIL import Image
 
-from pipeline import bodies, frames, metrics, movie, rest
+from pipeline import bodies, frames, metrics, movie, reconstruct, rest
 from pipeline.base.errors import UserError
 from pipeline.base.frame_files import find_frames, frame_path, frames_of, write_frame
 from pipeline.base.sequences import in_sequence, without_others
@@ -123,9 +123,16 @@ def test_whole_and_longer_runs_are_read(run):
     check_segments(scene, [run / "some/frame_00001.vtu"], "")
 
 
+def surfaces_of(run, folder):
+    reconstruct.main([str(run / "scene.json"), str(run / "initial.npz"), str(folder), "--output", str(run / "new")])
+
+
 OTHER_FRAMES = {  # how a stage reads the frames of a folder
-    "metrics": lambda scene, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
-    "rest": lambda scene, folder: course_of_coverage(scene, {}, find_frames(folder)),
+    "metrics": lambda scene, run, folder: metrics.measure(scene, {"cavity_volume": 5e-6}, find_frames(folder)),
+    "rest": lambda scene, run, folder: course_of_coverage(scene, {}, find_frames(folder)),
+    "reconstruct": lambda scene, run, folder: surfaces_of(run, folder),
+    "render": lambda scene, run, folder: render_frames(scene, 5e-6, None, folder, run / "surfaces/segment_001",
+                                                       run / "new"),
 }
 
 
@@ -136,7 +143,10 @@ def test_a_frame_under_the_name_of_another_is_told(run, stage, monkeypatch):
     shutil.copy(folder / "frame_00003.vtu", folder / "frame_00004.vtu")
     monkeypatch.setattr("pipeline.metrics.metrics_of", lambda scene: ())
     monkeypatch.setattr("pipeline.measures.rest.row_of_coverage", lambda state: {})
-    for module in ("metrics", "measures.rest"):
-        monkeypatch.setattr(f"pipeline.{module}.Measured", mock.MagicMock())
+    for name in ("metrics.Measured", "measures.rest.Measured", "reconstruct.load_initial", "reconstruct.Reconstructor",
+                 "reconstruct.write_surfaces", "render.Renderer", "render.read_surfaces", "render.read_section",
+                 "render.read_wall", "render.read_retina"):
+        monkeypatch.setattr(f"pipeline.{name}", mock.MagicMock())
     with pytest.raises(UserError, match=r"frame_00004\.vtu: is the frame of 0\.15 s, but the one before it is"):
-        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), folder)
+        OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), run, folder)
+    assert not (run / "new").exists()
