@@ -37,19 +37,28 @@ _UNKNOWN = re.compile(r"unrecognized arguments: (-\S+)")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
+def mistake(parser: argparse.ArgumentParser, message: str) -> str:
+    """Return what is wrong on a command line, what was probably meant, and where its options are listed.
+
+    Parameters
+    ----------
+    message : what argparse has found.
+    """
+    meant = ""
+    if chosen := _CHOICE.match(message):
+        meant = nearest(chosen[2], re.split(r"', '|, ", chosen[3].strip("'")))
+    elif unknown := _UNKNOWN.match(message):
+        options = (option for action in parser._actions for option in action.option_strings)
+        meant = nearest(unknown[1].partition("=")[0], options)
+    return f"{parser.prog}: {message}{meant}; --help lists what it takes"
+
+
 class CommandLine(argparse.ArgumentParser):
     """Options and arguments of a command, whose mistakes end in one sentence as all others do."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong, what was probably meant, and where all options are listed; see argparse."""
-        raise UserError(f"{self.prog}: {message}{self._meant(message)}; --help lists what it takes")
-
-    def _meant(self, message: str) -> str:
-        if chosen := _CHOICE.match(message):
-            return nearest(chosen[2], re.split(r"', '|, ", chosen[3].strip("'")))
-        unknown = _UNKNOWN.match(message)
-        options = (option for action in self._actions for option in action.option_strings)
-        return nearest(unknown[1].partition("=")[0], options) if unknown else ""
+        """Raise the error that tells of a mistake; see argparse."""
+        raise UserError(mistake(self, message))
 
 
 def stage_parser(stage: str, description: str, epilog: str = "") -> CommandLine:

@@ -1,18 +1,29 @@
-"""Snakemake itself, with its arguments, but that Ctrl-C ends it in one sentence from its first moment on.
+"""Snakemake itself, with its arguments, but that Ctrl-C and wrong options end it in one sentence.
 
     python -m pipeline.workflow.start -j2 all
 
 `pipeline` has set what becomes of errors that nobody catches before Snakemake is imported, which takes a second or two.
 """
+import argparse
 import sys
+from typing import NoReturn
+
+from pipeline.base.cli import mistake
 
 
 def main() -> None:
     """Command line of Snakemake."""
     from snakemake.cli import main as snakemake
 
+    argparse.ArgumentParser.error = _refuse  # type: ignore[assignment, method-assign]  # the parser is Snakemake's own
     sys.argv[0] = "snakemake"
     snakemake()
+
+
+def _refuse(parser: argparse.ArgumentParser, message: str) -> NoReturn:
+    from pipeline.workflow.scenes import stop
+
+    stop(mistake(parser, message))
 
 
 if __name__ == "__main__":

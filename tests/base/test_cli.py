@@ -1,5 +1,9 @@
 """Mistakes on a command line end in one sentence, as all others do."""
+import subprocess
+import sys
+
 import pytest
+from conftest import ROOT
 
 from pipeline.base.cli import CommandLine, stage_parser
 from pipeline.base.errors import UserError
@@ -34,3 +38,11 @@ def test_commands_within_a_command_tell_it_too():
     parser.add_subparsers(required=True, dest="what").add_parser("show")
     with pytest.raises(UserError, match=r"\(did you mean show\?\); --help"):
         parser.parse_args(["shw"])
+
+
+def test_options_that_snakemake_does_not_know_are_told_without_all_that_it_does():
+    done = subprocess.run([sys.executable, "-m", "pipeline.workflow.start", "--dry-rn", "all"], cwd=ROOT,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == ("error: snakemake: unrecognized arguments: --dry-rn (did you mean --dry-run?); --help lists "
+                           "what it takes\n")
