@@ -88,7 +88,7 @@ class Wall:
         state = self.follow(frame)
         contact = state.wall
         wall = self.mapper.map(contact, state.film)
-        write_wall(path, self.surface, wall.contact_distance, wall.oil_fraction, wall.film_distance)
+        write_wall(path, self.surface, wall.contact_distance, wall.oil_fraction, wall.film_distance, time=frame.time)
         parts = contact.retina_masks() | contact.quadrant_masks(state.right_eye)
         shares = {name: {"covered": contact.covered_share(mask), "uncertainty": 0.5 * contact.band_share(mask)}
                   for name, mask in parts.items()}

@@ -42,7 +42,14 @@ from pipeline.runs.segments import check_segments
 from pipeline.scenes.effects import does, droplets_of, illustration_in_words, knows_films, places_at_work
 from pipeline.scenes.retina import globe_radius, side_word
 from pipeline.scenes.shown_liquids import liquid_around, shown_liquids
-from pipeline.surfaces.surface_files import read_retina, read_section, read_surfaces, read_wall
+from pipeline.surfaces.surface_files import (
+    check_time,
+    read_retina,
+    read_section,
+    read_statistics,
+    read_surfaces,
+    read_wall,
+)
 from sim.effects.effect import MIXES
 
 MARK_COLORS = {"cannula": (213, 94, 0), "drain": (90, 0, 60)}
@@ -288,12 +295,14 @@ def render_frames(scene, cavity_volume: float | None, eye_surface, frames: Path,
         with replacing_folder(output) as folder, progress(len(paths), label) as bar:
             for path, frame in read_course(paths):
                 needed = frame.liquids if eye_surface is not None or scene.container is not None else ()
+                numbers = surfaces / f"{path.stem}.json"
+                check_time(numbers, read_statistics(numbers)["time"], frame.time)
                 meshes = read_surfaces(surfaces, path.stem, needed)
                 if scene.container is None:
                     sections = [read_section(surfaces / f"{path.stem}_{name}.vti") for name in ("section", "coronal")]
                     wall = read_wall(surfaces / f"{path.stem}_wall.vtp")
                     retina = {part: Coverage(**numbers)
-                              for part, numbers in read_retina(surfaces / f"{path.stem}.json").items()}
+                              for part, numbers in read_retina(numbers).items()}
                     picture = renderer.picture(frame, sections, wall, meshes, retina)
                 else:
                     picture = renderer.picture(frame, meshes)

@@ -575,6 +575,9 @@ FAULTS = (
     Fault("frame_copied", "a frame that was copied over the next one is measured",
           "if frame.time <= before:", "if frame.time < before:",
           "test_a_frame_under_the_name_of_another_is_told"),
+    Fault("surface_copied", "surfaces that were copied over those of the next frame are drawn",
+          "if found != time:", "if found > time:",
+          "test_surfaces_under_the_name_of_another_frame_are_told"),
     # Words of pictures, tables and pages
     Fault("words_speed", "speeds are in m/s under a heading that says mm/s",
           'return {"rms": 1e3 * np.sqrt(square.sum()',

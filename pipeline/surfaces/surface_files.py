@@ -1,15 +1,18 @@
 """Files of the reconstruct stage: surfaces as VTK poly data, the section as a VTK image."""
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.base.errors import UserError
+from pipeline.base.sequences import SURFACES_AGAIN
 from pipeline.base.vtk_files import name_components, read_vtk, set_text, write_vtk
 from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.contour_lines import ContourLines
 
+_OF_FRAME = re.compile(r"frame_\d{5,}(?=_)")  # what the names of all files of a frame begin with
 EMPTY = {
     ".ply": b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
             b"element face 0\nproperty list uchar int vertex_indices\nend_header\n",
@@ -74,7 +77,7 @@ def read_surface(path: Path):
 
     Raises
     ------
-    UserError : the file is missing.
+    UserError : the file is missing, or is of another time than the numbers of its frame.
     """
     return _read(path, "surface")
 
@@ -122,7 +125,7 @@ WALL_FRACTIONS = ("oil_fraction_covered", "oil_fraction_bare")
 
 
 def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.ndarray,
-               film_distance: np.ndarray | None = None) -> None:
+               film_distance: np.ndarray | None = None, *, time: float) -> None:
     """Write the surface of the cavity (``.vtp``) with its regions and with what touches it.
 
     Parameters
@@ -143,7 +146,8 @@ def write_wall(path: Path, eye, contact_distance: np.ndarray, oil_fraction: np.n
     if film_distance is not None:
         wall.point_data["film_distance"] = film_distance.astype(np.float32)
         distances.append("film_distance: m")
-    set_text(wall, "units", ("points: m", *distances))
+    wall.field_data["time"] = [time]
+    set_text(wall, "units", ("points: m", *distances, "time: s"))
     write_vtk(wall, path)
 
 
@@ -197,7 +201,18 @@ def read_section(path: Path):
 
 
 def _read(path: Path, what: str, hint: str = ""):
-    """Read a VTK file."""
+    """Read a VTK file, which belongs to the numbers beside it."""
     if not Path(path).is_file():
         raise UserError(f"{path}: no such {what}; run the reconstruct stage first{hint}")
-    return read_vtk(path)
+    found, frame = read_vtk(path), _OF_FRAME.match(Path(path).name)
+    numbers = Path(path).with_name(f"{frame[0]}.json") if frame else None
+    if numbers is not None and numbers.is_file() and "time" in found.field_data:
+        check_time(path, float(found.field_data["time"][0]), float(read_statistics(numbers)["time"]))
+    return found
+
+
+def check_time(path: Path, found: float, time: float) -> None:
+    """Raise UserError where a file made of a frame is of another time, s, than the frame."""
+    if found != time:
+        raise UserError(f"{path}: is of {found:.6g} s, but its frame is that of {time:.6g} s, as after a copy under "
+                        f"another name; remove its folder and {SURFACES_AGAIN}")

@@ -2,7 +2,9 @@
 import shutil
 from unittest import mock
 
+import numpy as np
 import pytest
+import pyvista
 from conftest import ROOT
 from helpers.synthetic_frames import make_frame
 from PIL import Image
@@ -15,7 +17,9 @@ from pipeline.measures.rest import course_of_coverage
 from pipeline.render import render_frames
 from pipeline.runs.segments import check_segments
 from pipeline.scenes.load import load_scene
+from pipeline.surfaces.contour import TriangleMesh
 from pipeline.surfaces.saved_frame import frames_with_surfaces
+from pipeline.surfaces.surface_files import read_surface, surface_path, write_surface, write_wall
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +151,31 @@ def test_a_frame_under_the_name_of_another_is_told(run, stage, monkeypatch):
                  "reconstruct.write_surfaces", "render.Renderer", "render.read_surfaces", "render.read_section",
                  "render.read_wall", "render.read_retina"):
         monkeypatch.setattr(f"pipeline.{name}", mock.MagicMock())
+    monkeypatch.setattr("sim.backend.runtime.initialize", lambda *_, **__: None)  # it may run already, and is not used
     with pytest.raises(UserError, match=r"frame_00004\.vtu: is the frame of 0\.15 s, but the one before it is"):
         OTHER_FRAMES[stage](load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), run, folder)
     assert not (run / "new").exists()
+
+
+def test_surfaces_under_the_name_of_another_frame_are_told(run, monkeypatch):
+    """A picture, a list of bodies and a mesh for other programs would show one time twice."""
+    scene, folder = load_scene(ROOT / "config/scenes/tiny.yaml", "draft"), run / "surfaces/segment_001"
+    wall, at = pyvista.Sphere(), {"contact_distance": np.zeros(842), "oil_fraction": np.zeros((842, 2))}
+    drop = TriangleMesh(np.asarray(wall.points), wall.regular_faces)
+    for number in (3, 4):
+        name, time = f"frame_{number:05d}", 0.05 * number
+        write_surface(surface_path(folder, name, "oil"), drop, time=time, liquid="oil", depth=np.ones(842))
+        write_wall(folder / f"{name}_wall.vtp", wall, **at, time=time)
+    for file in ("frame_00003_oil.vtp", "frame_00003_wall.vtp"):
+        read_surface(folder / file)
+        other = folder / file.replace("3", "4")
+        shutil.copy(folder / file, other)
+        with pytest.raises(UserError, match=rf"{other.name}: is of 0\.15 s, but its frame is that of 0\.2 s, as after "
+                                            "a copy .* run the reconstruct stage again"):
+            read_surface(other)
+    shutil.copy(folder / "frame_00003.json", folder / "frame_00004.json")
+    monkeypatch.setattr("pipeline.render.Renderer", mock.MagicMock())
+    for name in ("read_surfaces", "read_section", "read_wall", "read_retina"):
+        monkeypatch.setattr(f"pipeline.render.{name}", mock.MagicMock())
+    with pytest.raises(UserError, match=r"frame_00004\.json: is of 0\.15 s, but its frame is that of 0\.2 s"):
+        render_frames(scene, 5e-6, None, run / "frames/segment_001", folder, run / "new")

@@ -156,7 +156,7 @@ def wall_of(folder, initial, position, fraction, contact_angle=False):
     contact = Measured(scene, initial, frame_of(position, fraction)).wall
     eye = pyvista.Icosphere(radius=RADIUS, nsub=5)
     found = WallMapper(eye.points, eye.regular_faces).map(contact)
-    write_wall(folder / "wall.vtp", eye, found.contact_distance, found.oil_fraction)
+    write_wall(folder / "wall.vtp", eye, found.contact_distance, found.oil_fraction, time=0.0)
     return read_wall(folder / "wall.vtp"), contact, found
 
 
