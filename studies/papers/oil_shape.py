@@ -108,19 +108,23 @@ def measured(surface, spacing: float) -> tuple[float, float, int]:
 
 
 def _side_by_side(oils: list[Oil], count: int) -> bytes:
-    """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG; one legend."""
+    """Sections and maps of the fundus of all scenes at the same times, a row for every scene, as PNG; one legend.
+
+    It is that of the last scene while oil streams in, and so names the cannula too.
+    """
     shortest = min(oils, key=lambda oil: oil.time[-1]).time
     times = shortest[evenly(count, len(shortest))]
     rows = []
     for oil in oils:
-        row = []
+        row, legends = [], []
         for index in np.abs(oil.time[:, None] - times).argmin(axis=0):  # scenes keep frames at intervals of their own
             with Image.open(oil.pictures[index]) as opened:
                 picture = opened.convert("RGB")
+            legends.append(legend_of(picture, OVERSAMPLING * LEGEND))
             section, fundus = section_and_map(picture, OVERSAMPLING * WIDTH)
             row += [(section, f"{oil.time[index]:.1f} s"), (fundus, "fundus")]
         rows.append((oil.scene.title, row))
-    return sheet(rows, legends=[legend_of(picture, OVERSAMPLING * LEGEND)])
+    return sheet(rows, legends=legends[:1])
 
 
 FAMILY = Family(__name__, Parameters, run, scenes=scenes, reads=("frames", "surfaces", "images"), figures=FIGURES,
