@@ -1,6 +1,6 @@
 """Make the tables of the explorer: shapes of least energy for all directions of gravity and fills.
 
-    python -m pipeline.explorer_tables              # what is missing: 13 minutes of processor time, 7 for other eyes
+    python -m pipeline.explorer_tables              # what is missing: half an hour of processor time a length
     python -m pipeline.explorer_tables --check 200  # how far they are off between their shapes
 
 A direction that was finished is kept, so that the same command goes on where it was stopped.
@@ -14,7 +14,7 @@ from pipeline.explorer.cases import TABLES, eyes, tamponades
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.errors import check
 from pipeline.explorer.shapes import Views
-from pipeline.explorer.table import FOLDER, Table, count, make, path_of
+from pipeline.explorer.table import FOLDER, count, make, path_of
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -34,17 +34,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for length, name in TABLES:
         if not path_of(length, name, options.output).is_file():
             missing.setdefault(length, []).append(name)
-    whole = TABLES[0][0]
-    shapes = sum(count(None if length == whole else name) for length, names in missing.items() for name in names)
-    with progress(shapes, "oil at rest", unit="shape") as bar:
+    with progress(count() * sum(map(len, missing.values())), "oil at rest", unit="shape") as bar:
         for length, names in missing.items():
             bar.set_postfix_str(f"{length} mm")
             views, kinds = Views(eyes()[length]), {name: tamponades()[name] for name in names}
             folders = {name: options.cache / f"{length}mm_{name}" for name in names}
-            first = None if length == whole else {
-                name: Table.read(path_of(whole, name, options.output)) for name in names}
-            made = make(views, Chart.of(views.wall), kinds, folders, bar.update, first)
-            for name, table in made.items():
+            for name, table in make(views, Chart.of(views.wall), kinds, folders, bar.update).items():
                 table.write(path_of(length, name, options.output))
 
 

@@ -16,11 +16,6 @@ COARSE_TILT, LARGE = 15.0, 0.7              # smaller fills are computed at mult
 AZIMUTHS = (0.0, 90.0)                      # degrees of the meridian of that place: a mirror plane of the eye each
 LATITUDES, MERIDIANS = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 360.0, 5.0)   # degrees, of the points of a field
 HALF = len(MERIDIANS) // 2 + 1              # meridians of a table: the others are mirror images
-#: Of other eyes than the first fewer shapes are computed: what they differ by from those of the first lies between.
-FEW_TILTS = (0.0, 45.0, 90.0, 120.0, 135.0, 150.0, 180.0)
-FEW_FILLS = (0.05, 0.2, 0.5, 0.78, 0.9, 0.985)
-#: Oil jumps from one shape to another, at other tilts in every eye: at these fills it is computed at all of them.
-JUMPING = dict.fromkeys(("light", "heavy"), (0.7, 0.78, 0.85, 0.9))
 #: Tables: length of the eye in mm, and tamponade. The first is shown first.
 TABLES = tuple((length, name) for length in ("24", "29", "21") for name in ("light", "heavy", "gas"))
 
@@ -59,10 +54,8 @@ def tamponades() -> dict[str, Tamponade]:
             "gas": Tamponade("gas", GAS, gas, (float(np.radians(30.0)), float(np.radians(43.0))))}
 
 
-def fills_at(tilt: int, few: str | None = None) -> tuple[float, ...]:
-    """Return the fills that are computed at a tilt of ``TILTS``; few, of a tamponade in another eye than the first."""
-    if few is not None:
-        return tuple(sorted({*JUMPING.get(few, ()), *(FEW_FILLS if TILTS[tilt] in FEW_TILTS else ())}))
+def fills_at(tilt: int) -> tuple[float, ...]:
+    """Return the fills that are computed at a tilt of ``TILTS``."""
     return FILLS if TILTS[tilt] % COARSE_TILT == 0.0 else tuple(fill for fill in FILLS if fill >= LARGE)
 
 

@@ -31,7 +31,6 @@ HEADS = (*SETTING, *(f"{part}: {what} [%]" for part in PARTS for what in ("table
 USUAL = 90.0                # percent of the settings have no larger error than is told
 LEAST_USUAL = 0.005         # of a share
 SEED = 20
-NEAR = 1.0                  # mm, from the length of the first eye, of which most shapes are computed
 LENGTH_STEP = 0.5           # mm, of the eyes that are checked, as of the page
 
 
@@ -81,38 +80,19 @@ class Errors:
             -1, len(HEADS) - len(SETTING))
 
     @property
-    def usual(self) -> tuple[list[float], list[float]]:
-        """Error of each part that most settings do not exceed, as a share: near the first length, and elsewhere."""
+    def usual(self) -> list[float]:
+        """Error of each part that most settings do not exceed, as a share."""
         if not self.rows:
-            return [0.01] * 4, [0.01] * 4
-        near, elsewhere = (np.abs(self.off[among]) if among.any() else np.abs(self.off)
-                           for among in (self._near, ~self._near))
-        return tuple(np.maximum(np.percentile(one, USUAL, axis=0), LEAST_USUAL).round(4).tolist()
-                     for one in (near, elsewhere))
-
-    @property
-    def elsewhere(self) -> str:
-        """Words on lengths that are not ``NEAR`` the first eye's; empty where none of them was checked."""
-        if not self.rows or self._near.all():
-            return ""
-        off = 100.0 * np.abs(self.off[~self._near, 0])
-        return (f"Eyes of this length were computed more coarsely: of {len(off)} settings checked, "
-                f"{100.0 * (off <= 1.0).mean():.0f} % are within 1 percentage point of the whole retina, and the worst "
-                f"is {off.max():.0f} off.")
-
-    @property
-    def _near(self) -> np.ndarray:
-        return np.abs(np.array([float(row[0]) for row in self.rows]) - float(TABLES[0][0])) <= NEAR
+            return [0.01] * len(PARTS)
+        return np.maximum(np.percentile(np.abs(self.off), USUAL, axis=0), LEAST_USUAL).round(4).tolist()
 
     def parts(self) -> list[Markup]:
         """Return paragraphs and tables for a page."""
         if not self.rows:
             return [page.paragraph("No setting between those of the tables was checked.")]
         off = 100.0 * np.abs(self.off)
-        first, near = float(TABLES[0][0]), self._near
         lines = [(name, f"{one.mean():.2f}", f"{np.percentile(one, USUAL):.1f}", f"{one.max():.1f}",
-                  *(f"{100.0 * (one[among] <= 1.0).mean():.0f} %" if among.any() else "-"
-                    for among in (near, ~near))) for name, one in zip(PARTS, off.T, strict=True)]
+                  f"{100.0 * (one <= 1.0).mean():.0f} %") for name, one in zip(PARTS, off.T, strict=True)]
         apart = [(name, f"{one.mean():.2f}", f"{np.percentile(one, USUAL):.2f}", f"{one.max():.1f}")
                  for name, one in zip(("on average over the surface", "nine tenths of the surface within",
                                        "farthest point"), self.surface.T, strict=True)]
@@ -120,8 +100,7 @@ class Errors:
         return [page.paragraph(f"{len(self.rows)} random settings, of any eye length, tamponade, fill and direction of "
                                "gravity, were computed again with 10,242 directions, as pipeline.oil_at_rest has "
                                "them. How far this page is off, in percentage points:"),
-                page.table(("part of the retina", "mean", usual, "largest", f"within 1 point, {first - NEAR:g} to "
-                            f"{first + NEAR:g} mm", "within 1 point, other lengths"), lines),
+                page.table(("part of the retina", "mean", usual, "largest", "within 1 point"), lines),
                 page.paragraph("How far the free surface that is drawn is from that of the shape itself, in mm:"),
                 page.table(("distance", "mean", usual, "largest"), apart),
                 page.paragraph("Large errors lie where the shape jumps: there two shapes have nearly the same energy, "

@@ -198,13 +198,11 @@ async function showExplorer(known) {
     root.classList.remove("without");
     find(".answer").textContent = `${kind.words[0].toUpperCase()}${kind.words.slice(1)}, ${+set.fill.toFixed(1)} %, ${posture}: `
       + `${percent(looked.shares[0])} % of the retina touched`;
-    const elsewhere = Math.abs(set.eye - known.start.eye) > known.near, errors = known.shareErrors[elsewhere ? 1 : 0];
-    find(".elsewhere").hidden = !elsewhere;
     // Less of one half and more of the other: that is no other contact angle, but another shape.
     const {low: less, high: more} = looked;
     find(".several").hidden = Math.max(Math.min(less[1], more[2]), Math.min(more[1], less[2])) < known.other;
     looked.shares.forEach((share, k) => {
-      const row = find(".shares").children[k], error = errors[k];
+      const row = find(".shares").children[k], error = known.shareErrors[k];
       const [low, high] = [Math.max(share - looked.low[k] - error, 0), Math.min(share + looked.high[k] + error, 1)];
       row.querySelector("b").textContent = `${percent(share)} %`;
       row.querySelector("small").textContent = span(low, high);

@@ -19,7 +19,7 @@ from pipeline.equilibrium.checked import CHECKED
 from pipeline.equilibrium.star_cavity import FINE, cavity_of
 from pipeline.explorer.cases import AZIMUTHS, FILLS, LATITUDES, MERIDIANS, TABLES, TILTS, Tamponade, eyes, tamponades
 from pipeline.explorer.chart import wall_radius
-from pipeline.explorer.errors import LENGTH_STEP, NEAR, Errors
+from pipeline.explorer.errors import LENGTH_STEP, Errors
 from pipeline.explorer.interface import SIZE, Lattice
 from pipeline.explorer.lookup import OVAL
 from pipeline.explorer.table import DEEPEST, FOLDER, SHARE_STEP, SHIFT_STEP, Table, differences, path_of
@@ -64,7 +64,7 @@ def page_of(folder: Path = FOLDER) -> str:
     body = page.rendered(
         HERE / "explorer.html", tamponades=known["tamponades"], eyes=[one["name"] for one in known["eyes"]],
         views=EYE_VIEWS, parts=PARTS, step=LENGTH_STEP, fills=(100 * FILLS[0], 100 * FILLS[-1]), ora=f"{ORA:g}",
-        elsewhere=Errors.read(folder).elsewhere, wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL,
+        wanted=f"{1e3 * WANTED:g}", aqueous=AQUEOUS, oil=OIL,
         tear=f"rgb{BREAK_COLOR}")
     text = page.page(TITLE, [
         page.paragraph("Oil or gas at rest in an eye with its own lens. Move the fill, the head and the break.",
@@ -89,7 +89,7 @@ def known_of(folder: Path = FOLDER) -> dict[str, Any]:
         "tilts": TILTS.tolist(), "azimuths": len(AZIMUTHS), "fills": FILLS, "latitudes": len(LATITUDES),
         "meridians": len(MERIDIANS), "ora": ORA, "reach": MARGIN_REACH, "deepest": DEEPEST, "shareStep": SHARE_STEP,
         "shiftStep": SHIFT_STEP, "lattice": SIZE, "oval": OVAL, "wanted": WANTED, "lineError": UNCERTAIN,
-        "fillError": FILL_ERROR, "near": NEAR, "shareErrors": errors.usual, "largestFill": settings.largest_fill,
+        "fillError": FILL_ERROR, "shareErrors": errors.usual, "largestFill": settings.largest_fill,
         "eyes": found, "other": OTHER,
         "tamponades": {name: {"words": one.words, "floats": one.liquids.density_difference > 0.0,
                               "color": ImageColor.getrgb(one.color)} for name, one in kinds.items()},

@@ -4,10 +4,12 @@ A grid of angles has a row for every latitude and a column for every meridian. M
 tamponade goes to, so that fields of neighboring directions are alike: the eye is nearly a body of revolution. This
 meridian is in a mirror plane of the eye, and so a field holds one side of it. Equations: docs/methods/equilibrium.md.
 """
+import contextlib
 import dataclasses
 
 import numpy as np
 
+from pipeline.base.errors import UserError
 from pipeline.cavity.rays import interpolation
 from pipeline.equilibrium.contact import Contact, shares
 from pipeline.equilibrium.least import BEYOND, Found, Resting
@@ -19,6 +21,7 @@ from pipeline.scenes.retina import direction, globe_radius
 
 PARTS = ("retina", "superior", "inferior", "macula")
 REACH, BEND = 0.75, 0.8     # of the viewpoint toward the tamponade, over the radius of the globe, at no fill
+NEARER = (1.0, 0.8, 0.6, 0.4)  # of that way, where a point does not see the whole wall, as far back in a long eye
 FROM_FOLLOWING = 0.3        # fills below are seen from their own middle alone: this point may lie in the lens
 LEAN = 0.1                  # degrees off the axis
 SKIN = 2e-3                 # m above the wall: what lies under the tamponade there is deep in it, also on the lens
@@ -56,10 +59,18 @@ class Views:
 
     def shapes(self, tamponade: Tamponade, toward: np.ndarray, fill: float) -> list[Found]:
         """Return the shapes at rest of a tamponade that goes toward a direction (3,), the one of least energy first."""
-        viewpoint = None if fill < FROM_FOLLOWING else (
-            self.wall.viewpoint + REACH * self._globe * (1.0 - fill) ** BEND * toward)
+        viewpoint = None if fill < FROM_FOLLOWING else self._following(fill, toward)
         # Up where it floats: what turns one into the other turns it back.
         return self.resting.shapes(tamponade.liquids, tamponade.toward(toward), fill, viewpoint=viewpoint)
+
+    def _following(self, fill: float, toward: np.ndarray) -> np.ndarray | None:
+        """A point that follows a tamponade as far as it sees the whole wall, (3,), m."""
+        for less in NEARER:
+            viewpoint = self.wall.viewpoint + less * REACH * self._globe * (1.0 - fill) ** BEND * toward
+            with contextlib.suppress(UserError):
+                self.resting.cavity(viewpoint=viewpoint)
+                return viewpoint
+        return None
 
     def finer(self, found: Found) -> Contact:
         """Return where a shape likely touches the wall with four times as many directions, by (R11)."""

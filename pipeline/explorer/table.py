@@ -17,7 +17,6 @@ from pipeline.explorer.cases import (
     TILTS,
     Tamponade,
     fills_at,
-    spread,
 )
 from pipeline.explorer.chart import Chart
 from pipeline.explorer.interface import SIZE
@@ -31,7 +30,6 @@ SHARE_STEP = 0.002          # of what shares may be less or more
 SHIFT_STEP = 0.02e-3        # m, of the contact line
 NODES = (len(TILTS), len(AZIMUTHS), len(FILLS))
 POLES = (0, len(TILTS) - 1)     # tilts at which every azimuth is the same direction
-UNLIKE = 4e-3                   # m, by which two eyes differ where their shapes are two, and nothing follows
 LEANING = 0.05                  # of a half of the retina: a shape that covers so much more of the other leans to it
 
 
@@ -134,37 +132,34 @@ def directions() -> Iterator[tuple[int, int]]:
             yield tilt, azimuth
 
 
-def count(few: str | None = None) -> int:
-    """Return how many shapes are computed for a table; few, of a tamponade in another eye than the first."""
-    return sum(len(fills_at(tilt, few)) for tilt, _ in directions())
+def count() -> int:
+    """Return how many shapes are computed for a table."""
+    return sum(len(fills_at(tilt)) for tilt, _ in directions())
 
 
 def make(views: Views, chart: Chart, tamponades: Mapping[str, Tamponade], folders: Mapping[str, Path],
-         advance: Callable[[float], object], first: Mapping[str, Table] | None = None) -> dict[str, Table]:
+         advance: Callable[[float], object]) -> dict[str, Table]:
     """Return the tables of an eye by tamponade; directions that are in the folders already are read.
 
     Parameters
     ----------
     folders : of the directions, by tamponade.
     advance : called with the number of shapes found, after each direction of all tamponades.
-    first : tables of the first eye, for another one, of which fewer shapes are computed.
     """
     found: dict[str, dict[tuple[int, int], Table]] = {name: {} for name in tamponades}
     for tilt, azimuth in directions():
-        fills = {name: wanted for name in tamponades if (wanted := fills_at(tilt, None if first is None else name))}
-        paths = {name: folders[name] / f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz" for name in fills}
+        file = f"{TILTS[tilt]:03.0f}_{AZIMUTHS[azimuth]:03.0f}.npz"
+        paths = {name: folders[name] / file for name in tamponades}
         shapes: dict[str, list[Shape | None]] = {name: [] for name, path in paths.items() if not path.is_file()}
         # Tamponade by tamponade at a fill: they are looked at from the same point, and the wall that it sees is kept.
-        for fill, name in itertools.product(FILLS, shapes):
-            if fill in fills[name]:
-                shapes[name].append(shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill))
+        for fill, name in itertools.product(fills_at(tilt), shapes):
+            shapes[name].append(shape_at(views, tamponades[name], AZIMUTHS[azimuth], TILTS[tilt], fill))
         for name, some in shapes.items():
             Table.of(some).write(paths[name])
         for name, path in paths.items():
             found[name][tilt, azimuth] = Table.read(path)
-        advance(sum(map(len, fills.values())))
-    return {name: (_whole(one) if first is None else _like(first[name], one, name)).with_shifts(chart)
-            for name, one in found.items()}
+        advance(len(paths) * len(fills_at(tilt)))
+    return {name: _whole(one).with_shifts(chart) for name, one in found.items()}
 
 
 def _whole(found: dict[tuple[int, int], Table]) -> Table:
@@ -175,44 +170,6 @@ def _whole(found: dict[tuple[int, int], Table]) -> Table:
             found[tilt, azimuth] = _between(found[tilt - 1, azimuth], found[tilt + 1, azimuth], here, few)
     parts = [dataclasses.astuple(found[node]) for node in itertools.product(range(len(TILTS)), range(len(AZIMUTHS)))]
     return Table(*(np.stack(part).reshape(*NODES, *part[0].shape[1:]) for part in zip(*parts, strict=True)))
-
-
-def _like(first: Table, found: dict[tuple[int, int], Table], name: str) -> Table:
-    """The table of an eye of which few shapes are known: the others differ as these do from those of the first eye."""
-    for tilt, azimuth in itertools.product(POLES, range(1, len(AZIMUTHS))):
-        found[tilt, azimuth] = _turned(found[tilt, 0])
-    fills = [fills_at(tilt, name) for tilt in range(len(TILTS))]
-    tilts = {fill: [tilt for tilt, there in enumerate(fills) if fill in there] for fill in FILLS}
-    known = [fill for fill in FILLS if tilts[fill]]
-
-    def shapes(fill: float, part: str) -> np.ndarray:
-        return np.stack([[getattr(found[tilt, azimuth], part)[fills[tilt].index(fill)]
-                          for azimuth in range(len(AZIMUTHS))] for tilt in tilts[fill]])
-
-    def field(part: str) -> np.ndarray:
-        whole = getattr(first, part)
-        unlike = {"margin": 127.0 * UNLIKE / REACH, "depth": 127.0 * UNLIKE / DEEPEST}.get(part, np.inf)
-        apart = []
-        for fill in known:
-            differ = shapes(fill, part) - whole[tilts[fill], :, FILLS.index(fill)].astype(float)
-            there = shapes(fill, "margin").any(axis=(2, 3)).reshape(*differ.shape[:2], *(1,) * (differ.ndim - 2))
-            apart.append(np.tensordot(_linear(TILTS, TILTS[tilts[fill]]),
-                                      np.where(there & (np.abs(differ) < unlike), differ, 0.0), 1))
-        over_fills = _linear(spread(np.array(FILLS)), spread(np.array(known)))
-        made = whole + np.moveaxis(np.tensordot(over_fills, np.array(apart), 1), 0, 2)
-        if part in ("margin", "depth"):  # zero says that no shape was found
-            made = np.where(whole > 0, np.maximum(made, 1.0), 0.0)
-        made = made.astype(np.float32) if part == "shares" else _eight_bits(made)
-        for fill in known:
-            made[tilts[fill], :, FILLS.index(fill)] = shapes(fill, part)
-        return made
-
-    return Table(*(field(one.name) for one in dataclasses.fields(Table)))
-
-
-def _linear(places: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Weights (places, known) of what is known at places between."""
-    return np.stack([np.interp(places, known, one) for one in np.eye(len(known))], axis=1)
 
 
 def _turned(table: Table) -> Table:
