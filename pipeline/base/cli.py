@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pipeline.base.errors import UserError
 from pipeline.base.home import stand_in_for_home
@@ -37,12 +37,12 @@ _UNKNOWN = re.compile(r"unrecognized arguments: (-\S+)")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
-def mistake(parser: argparse.ArgumentParser, message: str) -> str:
+def mistake(command: str, parser: argparse.ArgumentParser, message: str) -> str:
     """Return what is wrong on a command line, what was probably meant, and where its options are listed.
 
     Parameters
     ----------
-    message : what argparse has found.
+    command : as it is typed. message : what argparse has found.
     """
     meant = ""
     if chosen := _CHOICE.match(message):
@@ -50,15 +50,19 @@ def mistake(parser: argparse.ArgumentParser, message: str) -> str:
     elif unknown := _UNKNOWN.match(message):
         options = (option for action in parser._actions for option in action.option_strings)
         meant = nearest(unknown[1].partition("=")[0], options)
-    return f"{parser.prog}: {message}{meant}; --help lists what it takes"
+    return f"{command}: {message}{meant}; --help lists what it takes"
 
 
 class CommandLine(argparse.ArgumentParser):
     """Options and arguments of a command, whose mistakes end in one sentence as all others do."""
 
+    def __init__(self, *, prog: str, **options: Any):
+        super().__init__(prog=prog, **options)
+        self._command = prog
+
     def error(self, message: str) -> NoReturn:
         """Raise the error that tells of a mistake; see argparse."""
-        raise UserError(mistake(self, message))
+        raise UserError(mistake(self._command, self, message))
 
 
 def stage_parser(stage: str, description: str, epilog: str = "") -> CommandLine:

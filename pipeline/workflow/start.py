@@ -10,20 +10,22 @@ from typing import NoReturn
 
 from pipeline.base.cli import mistake
 
+NAME = "snakemake"
+
 
 def main() -> None:
     """Command line of Snakemake."""
     from snakemake.cli import main as snakemake
 
     argparse.ArgumentParser.error = _refuse  # type: ignore[assignment, method-assign]  # the parser is Snakemake's own
-    sys.argv[0] = "snakemake"
+    sys.argv[0] = NAME
     snakemake()
 
 
 def _refuse(parser: argparse.ArgumentParser, message: str) -> NoReturn:
     from pipeline.workflow.scenes import stop
 
-    stop(mistake(parser, message))
+    stop(mistake(NAME, parser, message))
 
 
 if __name__ == "__main__":
